@@ -1,0 +1,38 @@
+# make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
+# make test   the same, with everything the tests need, and the tests
+# make lint   ruff and mypy
+# make bench  the benchmarks (ratios within one run)
+PYTHON ?= python3
+# Another torch: make demo TORCH="torch --index-url https://download.pytorch.org/whl/cpu"
+TORCH ?= torch==2.13.0
+PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
+
+.PHONY: demo test lint bench clean
+
+demo: .venv/installed
+	.venv/bin/python -m topokit demo
+
+test: .venv/tested
+	.venv/bin/python -m pytest
+
+lint: .venv/tested
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+
+bench: .venv/tested
+	.venv/bin/python -m pytest benchmarks --benchmark-columns=min,median,max -s
+
+.venv/installed: pyproject.toml constraints.txt
+	sh .ci/venv $(PYTHON)
+	$(PIP) $(TORCH)
+	$(PIP) --constraint constraints.txt --editable .
+	touch $@
+
+.venv/tested: .venv/installed
+	sh .ci/system-libraries
+	$(PIP) --constraint constraints.txt --editable '.[test,all]'
+	touch $@
+
+clean:
+	rm -rf .venv

@@ -1,0 +1,55 @@
+"""topokit: what is the topology of this 3D thing, and how far is that to be believed?"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from topokit.adapters.mesh import from_mesh
+    from topokit.adapters.points import from_points
+    from topokit.core.curvature import Curvature
+    from topokit.core.samples import SurfaceSamples
+    from topokit.errors import TopokitError
+    from topokit.registry import load
+    from topokit.report import Evidence, TopologyReport
+    from topokit.shape import Shape
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Curvature": "topokit.core.curvature",
+    "Evidence": "topokit.report",
+    "Shape": "topokit.shape",
+    "SurfaceSamples": "topokit.core.samples",
+    "TopokitError": "topokit.errors",
+    "TopologyReport": "topokit.report",
+    "from_mesh": "topokit.adapters.mesh",
+    "from_points": "topokit.adapters.points",
+    "load": "topokit.registry",
+}
+
+__all__ = [
+    "Curvature",
+    "Evidence",
+    "Shape",
+    "SurfaceSamples",
+    "TopokitError",
+    "TopologyReport",
+    "from_mesh",
+    "from_points",
+    "load",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Public names are imported when they are first used, so that `topokit --help` does not wait for torch."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'topokit' has no attribute {name!r}; it has {', '.join(__all__)}.")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,5 @@
+"""`python -m topokit` is the command `topokit`."""
+
+from topokit.cli import app
+
+app(prog_name="topokit")

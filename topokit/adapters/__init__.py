@@ -1,0 +1,1 @@
+"""One representation per file: each turns its input into a Shape."""

@@ -1,0 +1,33 @@
+"""Running per-point work in pieces, so that memory is bounded whether or not gradients are wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
+
+CHUNK = 1 << 12  # rows per block: k × k temporaries stay small enough to be reused rather than mapped anew
+
+
+def in_chunks(
+    work: Callable[[Tensor], tuple[Tensor, ...]], n_points: int, device: torch.device, chunk: int = CHUNK
+) -> tuple[Tensor, ...]:
+    """Concatenate `work(rows)` over consecutive blocks of row indices.
+
+    With gradients on and more than one block, the temporaries of a block are recomputed in the backward pass instead
+    of being kept, so what lives on between forward and backward is the results, not N × k temporaries.
+
+    Args:
+        work: maps (m,) int64 row indices to a tuple of tensors whose first dimension is m.
+        n_points: number of rows in all.
+        device: where the row indices live.
+        chunk: rows per block.
+    """
+    blocks = torch.arange(n_points, device=device).split(chunk)
+    if torch.is_grad_enabled() and len(blocks) > 1:
+        parts = [checkpoint(work, rows, use_reentrant=False) for rows in blocks]
+    else:
+        parts = [work(rows) for rows in blocks]
+    return tuple(torch.cat(column) for column in zip(*parts, strict=True))

@@ -1,0 +1,148 @@
+"""Small symmetric matrices in closed form, with derivatives that stay finite where eigenvalues coincide."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+def normalize(vectors: Tensor) -> Tensor:
+    """Unit vectors along the last axis; zero vectors stay zero, with zero gradient.
+
+    Args:
+        vectors: (..., d).
+
+    Returns:
+        (..., d). Scale-safe: the largest component is divided out first, so neither 1e-30 nor 1e30 is lost.
+    """
+    largest = vectors.detach().abs().amax(-1, keepdim=True)
+    is_zero = largest == 0
+    scaled = vectors / torch.where(is_zero, 1, largest)
+    squared = scaled.square().sum(-1, keepdim=True)
+    return scaled * torch.where(is_zero, 1, squared).rsqrt()
+
+
+def safe_sqrt(values: Tensor) -> Tensor:
+    """√max(x, 0) whose derivative is 0 instead of infinite at x ≤ 0."""
+    positive = values > 0
+    return torch.where(positive, torch.where(positive, values, 1).sqrt(), 0)
+
+
+def determinant(matrix: Tensor) -> Tensor:
+    """Determinant of (..., 2, 2) matrices as (...,)."""
+    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+
+
+def trace(matrix: Tensor) -> Tensor:
+    """Trace of (..., d, d) matrices as (...,)."""
+    return matrix.diagonal(dim1=-2, dim2=-1).sum(-1)
+
+
+def adjugate(matrix: Tensor) -> Tensor:
+    """Adjugate of (..., 2, 2) matrices: adj(A) A = det(A) I."""
+    a, b = matrix[..., 0, 0], matrix[..., 0, 1]
+    c, d = matrix[..., 1, 0], matrix[..., 1, 1]
+    return torch.stack((d, -b, -c, a), dim=-1).unflatten(-1, (2, 2))
+
+
+def lift_smallest_eigenvalue(matrix: Tensor, floor: Tensor) -> Tensor:
+    """Add the multiple of the identity that keeps a positive semi-definite 2×2 matrix invertible.
+
+    Matrices whose det/tr (which lies between λ_min/2 and λ_min) is at least `floor` are returned unchanged, so
+    well-spread neighbourhoods are not biased.
+
+    Args:
+        matrix: (..., 2, 2), symmetric positive semi-definite up to rounding.
+        floor: (...,), positive.
+    """
+    size = trace(matrix)
+    has_size = size > 0
+    smallest = torch.where(has_size, determinant(matrix) / torch.where(has_size, size, 1), 0)
+    lift = (floor - smallest).clamp(min=0)
+    return matrix + lift[..., None, None] * torch.eye(2, dtype=matrix.dtype, device=matrix.device)
+
+
+def eigenvalues(matrix: Tensor) -> Tensor:
+    """Eigenvalues of symmetric 2×2 matrices, smallest first.
+
+    Args:
+        matrix: (..., 2, 2).
+
+    Returns:
+        (..., 2). At equal eigenvalues the gap has derivative 0 (each eigenvalue then moves with the mean).
+    """
+    middle = trace(matrix) / 2
+    half_gap = safe_sqrt(((matrix[..., 0, 0] - matrix[..., 1, 1]) / 2).square() + matrix[..., 0, 1].square())
+    return torch.stack((middle - half_gap, middle + half_gap), dim=-1)
+
+
+def eigenvectors(matrix: Tensor) -> Tensor:
+    """Unit eigenvectors of symmetric 2×2 matrices as rows, in the order of `eigenvalues`.
+
+    Args:
+        matrix: (..., 2, 2).
+
+    Returns:
+        (..., 2, 2), rows. Where the eigenvalues coincide any basis is right: the coordinate axes are returned, with
+        zero gradient. Signs are arbitrary.
+    """
+    doubled = torch.stack((matrix[..., 0, 0] - matrix[..., 1, 1], 2 * matrix[..., 0, 1]), dim=-1)
+    noise = torch.finfo(matrix.dtype).eps * 8 * matrix.detach().abs().amax((-2, -1))
+    is_isotropic = doubled.detach().abs().amax(-1) <= noise
+    axis = doubled.new_tensor((1.0, 0.0))
+    doubled = torch.where(is_isotropic[..., None], axis, doubled)
+    angle = torch.atan2(doubled[..., 1], doubled[..., 0]) / 2
+    cosine, sine = angle.cos(), angle.sin()
+    return torch.stack((-sine, cosine, cosine, sine), dim=-1).unflatten(-1, (2, 2))
+
+
+def tangent_basis(normals: Tensor, helper: Tensor) -> Tensor:
+    """Right-handed orthonormal frames (t, t', n) whose t is the helper's tangential part.
+
+    The angle of t in its plane is a gauge; its tilt with n is not. So the helper is detached and the projection is not.
+
+    Args:
+        normals: (..., 3) unit vectors.
+        helper: (..., 3); where it is (almost) parallel to the normal, the least aligned coordinate axis replaces it.
+
+    Returns:
+        (..., 3, 3), rows t, t' = n × t, n.
+    """
+    helper = normalize(helper.detach())
+    fixed = normals.detach()
+    tangential = helper - (helper * fixed).sum(-1, keepdim=True) * fixed
+    is_parallel = tangential.square().sum(-1, keepdim=True) < 1e-4
+    least = torch.nn.functional.one_hot(fixed.abs().argmin(-1), 3).to(fixed.dtype)
+    helper = torch.where(is_parallel, least, helper)
+    first = normalize(helper - (helper * normals).sum(-1, keepdim=True) * normals)
+    second = torch.linalg.cross(normals, first, dim=-1)
+    return torch.stack((first, second, normals), dim=-2)
+
+
+def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3) -> Tensor:
+    """Unit eigenvector to the smallest eigenvalue of symmetric 3×3 matrices, with a bounded derivative.
+
+    The decomposition itself runs outside the graph. One Newton step on the eigenvector equation, zero in value,
+    carries the derivative dn = −T (Tᵀ(C − λI)T)⁻¹ Tᵀ dC n, in which the gaps 1/(λᵢ − λ_min) are bounded where the
+    eigenvector is not determined (planes seen edge-on, balls, duplicate points).
+
+    Args:
+        matrix: (..., 3, 3), symmetric; scaled so that its trace is about 1.
+        helper: (..., 3), direction for the tangent gauge (see `tangent_basis`); the result does not depend on it.
+        relative: least gap to the other eigenvalues that the derivative sees, as a share of the trace.
+
+    Returns:
+        (..., 3). The sign is arbitrary but deterministic.
+    """
+    fixed = matrix.detach()
+    start = torch.linalg.eigh(fixed).eigenvectors[..., 0]
+    basis = tangent_basis(start, helper)
+    tangent = basis[..., :2, :]  # (..., 2, 3)
+    energy = (start.unsqueeze(-2) @ fixed @ start.unsqueeze(-1)).squeeze(-1)
+    shifted = tangent @ fixed @ tangent.mT
+    shifted = shifted - energy[..., None] * torch.eye(2, dtype=matrix.dtype, device=matrix.device)
+    shifted = lift_smallest_eigenvalue(shifted, relative * trace(fixed).clamp(min=torch.finfo(matrix.dtype).tiny))
+    inverse = adjugate(shifted) / determinant(shifted)[..., None, None]
+    residual = (tangent @ matrix @ start.unsqueeze(-1)) - (tangent @ fixed @ start.unsqueeze(-1))
+    step = tangent.mT @ (inverse @ residual)
+    return normalize(start - step.squeeze(-1))

@@ -1,0 +1,96 @@
+"""k nearest neighbours: indices only. Distances are recomputed in the graph by whoever needs them."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from topokit.errors import InputError
+
+_CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
+
+
+def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
+    """Indices of the k nearest other points of every point.
+
+    Args:
+        points: (..., N, 3), any float dtype and device. Batch items never see each other.
+        n_neighbors: k; the point itself does not count, its exact duplicates do.
+
+    Returns:
+        (..., N, k) int64 on the points' device, nearest first. Not differentiable (integers).
+
+    Raises:
+        InputError: if there are not more points than neighbours.
+    """
+    n_points = points.shape[-2]
+    if n_neighbors < 3:
+        raise InputError(f"n_neighbors is {n_neighbors}; at least 3 are needed to span a tangent plane.")
+    if n_points <= n_neighbors:
+        raise InputError(
+            f"{n_points} points are too few for {n_neighbors} neighbours each: "
+            f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
+        )
+    search = _kd_tree if points.device.type == "cpu" else _exact
+    items = points.detach().reshape(-1, n_points, 3)
+    found = torch.stack([search(item, n_neighbors) for item in items])
+    return found.reshape(*points.shape[:-1], n_neighbors)
+
+
+def flat_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
+    """`nearest_neighbors` as rows of the merged point list: (B·N, k), each batch item's indices offset by its start."""
+    found = nearest_neighbors(points, n_neighbors)
+    n_points = points.shape[-2]
+    items = found.reshape(-1, n_points, n_neighbors)
+    starts = torch.arange(items.shape[0], device=points.device) * n_points
+    return (items + starts[:, None, None]).reshape(-1, n_neighbors)
+
+
+def neighbor_components(neighbors: Tensor) -> Tensor:
+    """Connected components of the neighbour graph, edges taken in both directions.
+
+    Args:
+        neighbors: (N, k) indices of one point list.
+
+    Returns:
+        (N,) int64 labels 0 … c−1 on the same device, numbered by first appearance. Not differentiable.
+    """
+    n_points, n_neighbors = neighbors.shape
+    columns = neighbors.cpu().numpy().ravel()
+    rows = np.repeat(np.arange(n_points), n_neighbors)
+    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n_points, n_points))
+    _, labels = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    rank = np.empty_like(first)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return torch.from_numpy(rank[inverse].astype(np.int64)).to(neighbors.device)
+
+
+def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
+    coordinates = points.double().numpy()
+    tree = cKDTree(coordinates, balanced_tree=False, compact_nodes=False)
+    _, found = tree.query(coordinates, n_neighbors + 1, workers=-1)
+    if (found[:, 0] == np.arange(len(found))).all():
+        return torch.from_numpy(found[:, 1:].astype(np.int64))
+    itself = found == np.arange(len(found))[:, None]  # duplicates may come before the point itself
+    itself[~itself.any(axis=1), -1] = True  # more duplicates than neighbours: drop the last
+    return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors).astype(np.int64))
+
+
+def _exact(points: Tensor, n_neighbors: int) -> Tensor:
+    n_points = len(points)
+    rows = max(1, _CUDA_PAIRS // n_points)
+    found = []
+    for start in range(0, n_points, rows):
+        part = points[start : start + rows]
+        squared = torch.zeros(len(part), n_points, dtype=points.dtype, device=points.device)
+        for axis in range(3):  # explicit differences: the expanded square loses half the digits
+            squared += (part[:, axis, None] - points[None, :, axis]).square()
+        own = torch.arange(len(part), device=points.device)
+        squared[own, start + own] = torch.inf
+        found.append(squared.topk(n_neighbors, largest=False).indices)
+    return torch.cat(found)

@@ -1,0 +1,83 @@
+"""Oriented surface samples: what every representation becomes before the core sees it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from topokit.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceSamples:
+    """Points on a surface, with whatever is already known about the surface there.
+
+    Attributes:
+        points: (..., N, 3), any unit of length.
+        normals: (..., N, 3) or None (then estimated by local PCA). Need not be unit vectors; must not be zero.
+        frames: (..., N, 3, 3) or None; rows t, t', n of an orthonormal moving frame. Takes precedence over `normals`.
+        areas: (..., N) or None (then the tangent Voronoi areas), in squared units of length.
+        oriented: True if the signs of the normals are to be believed (pointing outward). If False, or if there are
+            no normals, neighbouring normals are aligned with the centre's before they are compared, so the Gaussian
+            curvature does not depend on the signs and the mean curvature's sign is meaningless.
+
+    Raises:
+        InputError: on wrong shapes, types, devices or values that are not finite.
+    """
+
+    points: Tensor
+    normals: Tensor | None = None
+    frames: Tensor | None = None
+    areas: Tensor | None = None
+    oriented: bool = True
+
+    def __post_init__(self) -> None:
+        _check(self.points, "points")
+        if self.points.ndim < 2 or self.points.shape[-1] != 3:
+            raise InputError(f"points must have shape (..., N, 3), got {tuple(self.points.shape)}.")
+        shape = self.points.shape
+        expected = {"normals": shape, "frames": (*shape, 3), "areas": shape[:-1]}
+        for name, wanted in expected.items():
+            value = getattr(self, name)
+            if value is None:
+                continue
+            _check(value, name)
+            if value.shape != torch.Size(wanted):
+                raise InputError(
+                    f"{name} must have shape {tuple(wanted)} to match the points, got {tuple(value.shape)}."
+                )
+            if value.device != self.points.device or value.dtype != self.points.dtype:
+                raise InputError(
+                    f"{name} is {value.dtype} on {value.device}, the points are {self.points.dtype} on "
+                    f"{self.points.device}: convert one of them."
+                )
+        if self.normals is None and self.frames is None:
+            object.__setattr__(self, "oriented", False)
+
+    @property
+    def n_points(self) -> int:
+        """Number of points N of each batch item."""
+        return self.points.shape[-2]
+
+    def flat(self) -> SurfaceSamples:
+        """The same samples with the batch dimensions merged into one list of points."""
+
+        def merge(value: Tensor | None, kept: int) -> Tensor | None:
+            return None if value is None else value.reshape(-1, *value.shape[value.ndim - kept :])
+
+        points = self.points.reshape(-1, 3)
+        return SurfaceSamples(
+            points, merge(self.normals, 1), merge(self.frames, 2), merge(self.areas, 0), self.oriented
+        )
+
+
+def _check(value: object, name: str) -> None:
+    if not isinstance(value, Tensor):
+        raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}. Use topokit.from_points for arrays.")
+    if not value.is_floating_point():
+        raise InputError(f"{name} must be a floating-point tensor, got {value.dtype}: call .double() or .float() on it.")
+    if not bool(torch.isfinite(value).all()):
+        bad = int((~torch.isfinite(value)).sum())
+        raise InputError(f"{name} holds {bad} values that are NaN or infinite; remove those rows first.")

@@ -1,0 +1,111 @@
+"""Which adapter opens what: by name, else by content, else by suffix."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from topokit.errors import InputError, ReadError, UnknownFormatError
+from topokit.files import existing_file, head
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+_HEAD = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One adapter, by lazy name: nothing is imported before a file asks for it."""
+
+    name: str
+    opener: str
+    suffixes: tuple[str, ...]
+
+    def open(self, path: Path, options: dict[str, Any]) -> Shape:
+        module, _, function = self.opener.partition(":")
+        return getattr(importlib.import_module(module), function)(path, **options)
+
+
+_MESH = _Entry("mesh", "topokit.adapters.mesh:from_mesh", (".obj", ".off", ".stl", ".glb", ".gltf", ".3mf", ".ply"))
+_POINTS = _Entry(
+    "points",
+    "topokit.adapters.points:from_points",
+    (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc", ".npy", ".npz", ".pcd", ".las", ".laz", ".ply"),
+)
+_TABLE = {entry.name: entry for entry in (_MESH, _POINTS)}
+
+
+def load(source: str | os.PathLike[str], *, adapter: str | None = None, **options: Any) -> Shape:
+    """Open a file with the adapter that its content, or failing that its suffix, asks for.
+
+    Args:
+        source: path of the file.
+        adapter: name of an adapter ("mesh", "points") that settles the choice.
+        options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
+
+    Raises:
+        ReadError: if the file is missing or malformed.
+        UnknownFormatError: if neither content nor suffix is known.
+        InputError: if `adapter` is not known or an option does not exist for it.
+    """
+    path = existing_file(source)
+    if adapter is not None and adapter not in _TABLE:
+        raise InputError(f"adapter {adapter!r} is not known. Known: {', '.join(_TABLE)}.")
+    entry = _TABLE[adapter] if adapter is not None else _choose(path)
+    return entry.open(path, _accepted(entry, options))
+
+
+def _choose(path: Path) -> _Entry:
+    beginning = head(path, _HEAD)
+    for looks_like, answer in _CONTENT:
+        if looks_like(beginning):
+            return answer(path, beginning)
+    suffix = path.suffix.lower()
+    for entry in _TABLE.values():
+        if suffix in entry.suffixes:
+            return entry
+    known = ", ".join(sorted({suffix for entry in _TABLE.values() for suffix in entry.suffixes}))
+    raise UnknownFormatError(
+        f"{path}: {suffix or 'a file without suffix'!r} is not a known format and its content is not one either. "
+        f"Known: {known}. Pass adapter='mesh' or adapter='points' if you know what it is."
+    )
+
+
+def _accepted(entry: _Entry, options: dict[str, Any]) -> dict[str, Any]:
+    """Samples are a matter of meshes; a cloud is what it is."""
+    if entry is _POINTS:
+        options = {key: value for key, value in options.items() if key not in ("n_samples", "generator")}
+    return options
+
+
+def _ply(path: Path, beginning: bytes) -> _Entry:
+    header = beginning.partition(b"end_header")[0]
+    if re.search(rb"property\s+\w+\s+(rot_0|f_dc_0|packed_rotation)\b", header):
+        raise UnknownFormatError(f"{path} is a Gaussian-splat .ply file; splats cannot be opened yet.")
+    faces = re.search(rb"element\s+(?:face|tristrips)\s+(\d+)", header)
+    return _MESH if faces and int(faces.group(1)) > 0 else _POINTS
+
+
+def _zip(path: Path, beginning: bytes) -> _Entry:
+    if b"3D/" in beginning or b"[Content_Types].xml" in beginning:
+        return _MESH
+    if b".npy" in beginning:
+        return _POINTS
+    raise ReadError(f"{path} is a zip archive, but neither a 3MF model nor a NumPy archive; unpack it first.")
+
+
+_CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (
+    (lambda start: start.startswith(b"ply"), _ply),
+    (lambda start: start.startswith(b"PK\x03\x04"), _zip),
+    (lambda start: re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None, lambda *_: _MESH),
+    (lambda start: start.startswith(b"glTF"), lambda *_: _MESH),
+    (lambda start: start.startswith(b"solid") and b"facet" in start, lambda *_: _MESH),
+    (lambda start: start.startswith((b"LASF", b"\x93NUMPY", b"# .PCD")), lambda *_: _POINTS),
+    (lambda start: re.search(rb"^FIELDS .*\n(.*\n)*?DATA ", start, re.MULTILINE) is not None, lambda *_: _POINTS),
+)

@@ -124,7 +124,9 @@ def _checked(faces: NDArray[np.int64], vertices: NDArray[np.float64]) -> NDArray
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
         wrong = low if low < 0 else high
-        raise InputError(f"face index {wrong} is out of range: there are {len(vertices)} vertices, 0 … {len(vertices) - 1}.")
+        raise InputError(
+            f"face index {wrong} is out of range: there are {len(vertices)} vertices, 0 … {len(vertices) - 1}."
+        )
     broken = ~np.isfinite(vertices[faces]).all(axis=(1, 2))
     if broken.any():
         raise InputError(f"{int(broken.sum())} faces use vertices that are NaN or infinite; remove them first.")
@@ -152,7 +154,9 @@ def _count(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Counted:
     nearly = mesh_topology(vertices, _without_degenerate(nearly_faces)) if n_nearly > n_merged else merged
     if not nearly.is_closed:
         return best
-    note = f"{n_nearly} vertices within {_NEARLY_EQUAL:g} of the diagonal of another were merged, which closes the mesh."
+    note = (
+        f"{n_nearly} vertices within {_NEARLY_EQUAL:g} of the diagonal of another were merged, which closes the mesh."
+    )
     return _Counted(nearly, (*notes, note), beyond_doubt=False)
 
 
@@ -180,9 +184,7 @@ def _without_degenerate(faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return kept
 
 
-def _merge(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: float
-) -> tuple[NDArray[np.int64], int]:
+def _merge(vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: float) -> tuple[NDArray[np.int64], int]:
     """Faces with equal vertices (within `tolerance` of the diagonal) named by one index; how many were merged."""
     used = np.unique(faces)
     points = vertices[used]
@@ -226,20 +228,30 @@ def _answer(counted: _Counted, seconds: float) -> ExactAnswer:
 def _reasons(topology: MeshTopology) -> tuple[str, ...]:
     parts = _plural(len(topology.components), "component")
     if topology.is_closed:
-        lines = [f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact."]
+        lines = [
+            f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact."
+        ]
     else:
-        lines = [f"The mesh is not a closed manifold; V − E + F = {topology.euler} over {parts} is that of the mesh as it is."]
+        lines = [
+            f"The mesh is not a closed manifold; V − E + F = {topology.euler} over {parts} is that of the mesh as it is."
+        ]
     if topology.boundary_edges:
         loops = _plural(topology.boundary_loops, "boundary loop")
         lines.append(f"It is open: {_plural(topology.boundary_edges, 'edge')} in {loops} have only one face.")
     if topology.nonmanifold_edges:
         lines.append(f"{_plural(topology.nonmanifold_edges, 'edge')} with three or more faces (non-manifold).")
     if topology.pinched_vertices:
-        lines.append(f"{_plural(topology.pinched_vertices, 'vertex', 'vertices')} where separate fans of faces touch (pinched).")
+        lines.append(
+            f"{_plural(topology.pinched_vertices, 'vertex', 'vertices')} where separate fans of faces touch (pinched)."
+        )
     if topology.flipped_faces:
-        lines.append(f"{_plural(topology.flipped_faces, 'face')} turned against the others (flipped); V − E + F does not mind.")
+        lines.append(
+            f"{_plural(topology.flipped_faces, 'face')} turned against the others (flipped); V − E + F does not mind."
+        )
     if topology.inward_components:
-        lines.append(f"{_plural(topology.inward_components, 'closed component')} faced inward and was turned for the normals.")
+        lines.append(
+            f"{_plural(topology.inward_components, 'closed component')} faced inward and was turned for the normals."
+        )
     if not topology.is_orientable:
         lines.append("The surface is one-sided (not orientable), so it has no genus in the usual sense.")
     return tuple(lines)

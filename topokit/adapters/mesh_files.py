@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import logging
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +13,7 @@ from numpy.typing import NDArray
 from topokit.errors import ReadError, reading
 from topokit.files import head
 
-# An .obj face names a vertex and its normal and texture apart; topology goes by the vertex alone.
-_OPTIONS = {"obj": {"maintain_order": True, "skip_materials": True, "group_material": False}}
+_NOT_TOPOLOGY = re.compile(rb"^(?!\s*[vf]\s).*$|(?<=\d)/\S*", re.MULTILINE)
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -36,7 +37,8 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     try:
         with reading(path, "trimesh"):
             kind = _file_type(path, beginning)
-            mesh = trimesh.load_scene(path, file_type=kind, process=False, **_OPTIONS.get(kind, {})).to_mesh()
+            content = path if kind != "obj" else _bare_obj(path)
+            mesh = trimesh.load_scene(content, file_type=kind, process=False).to_mesh()
             vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     finally:
         quiet.setLevel(level)
@@ -76,6 +78,15 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if not faces:
         raise ReadError(f"{path} holds no faces. A mesh was expected; for points use topokit.from_points.")
     return vertices, np.array(faces, dtype=np.int64)
+
+
+def _bare_obj(path: Path) -> io.BytesIO:
+    """The `v` and `f` lines alone, faces without texture and normal indices.
+
+    Faces name vertices, normals, textures and materials apart and topology goes by the vertex alone; trimesh would
+    split vertices wherever any of them differs.
+    """
+    return io.BytesIO(_NOT_TOPOLOGY.sub(b"", re.sub(rb"\\\r?\n", b" ", path.read_bytes())))
 
 
 def _file_type(path: Path, beginning: bytes) -> str:

@@ -45,7 +45,9 @@ def _reader(path: Path) -> Callable[[Path], Cloud]:
     suffix = path.suffix.lower()
     if suffix in _BY_SUFFIX:
         return _BY_SUFFIX[suffix]
-    raise ReadError(f"{path}: {suffix or 'a file without suffix'!r} is not a point format. Known: {', '.join(SUFFIXES)}.")
+    raise ReadError(
+        f"{path}: {suffix or 'a file without suffix'!r} is not a point format. Known: {', '.join(SUFFIXES)}."
+    )
 
 
 def _split(table: Floats, path: Path) -> Cloud:
@@ -145,6 +147,13 @@ _BY_MAGIC: dict[bytes, Callable[[Path], Cloud]] = {
 }
 _BY_SUFFIX: dict[str, Callable[[Path], Cloud]] = {
     **dict.fromkeys((".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc"), _read_text),
-    **{".npy": _read_npy, ".npz": _read_npz, ".ply": _read_ply, ".pcd": _read_pcd, ".las": _read_las, ".laz": _read_las},
+    **{
+        ".npy": _read_npy,
+        ".npz": _read_npz,
+        ".ply": _read_ply,
+        ".pcd": _read_pcd,
+        ".las": _read_las,
+        ".laz": _read_las,
+    },
 }
 SUFFIXES = tuple(_BY_SUFFIX)

@@ -77,9 +77,7 @@ def _tensor(values: object, name: str) -> Tensor:
     return values
 
 
-def _without_broken_rows(
-    points: Tensor, normals: Tensor | None, notes: list[str]
-) -> tuple[Tensor, Tensor | None]:
+def _without_broken_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:
     finite = torch.isfinite(points.detach()).all(-1)
     n_broken = int((~finite).sum())
     if n_broken:

@@ -75,9 +75,13 @@ class SurfaceSamples:
 
 def _check(value: object, name: str) -> None:
     if not isinstance(value, Tensor):
-        raise InputError(f"{name} must be a torch.Tensor, got {type(value).__name__}. Use topokit.from_points for arrays.")
+        raise InputError(
+            f"{name} must be a torch.Tensor, got {type(value).__name__}. Use topokit.from_points for arrays."
+        )
     if not value.is_floating_point():
-        raise InputError(f"{name} must be a floating-point tensor, got {value.dtype}: call .double() or .float() on it.")
+        raise InputError(
+            f"{name} must be a floating-point tensor, got {value.dtype}: call .double() or .float() on it."
+        )
     if not bool(torch.isfinite(value).all()):
         bad = int((~torch.isfinite(value)).sum())
         raise InputError(f"{name} holds {bad} values that are NaN or infinite; remove those rows first.")

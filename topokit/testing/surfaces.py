@@ -33,9 +33,7 @@ def sphere_samples(n_points: int, radius: float = 1.0, generator: torch.Generato
     """Independent uniform samples of a sphere: K = 1/r², H = 1/r."""
     directions = _directions(n_points, generator)
     ones = torch.ones(n_points, dtype=torch.float64)
-    return AnalyticSamples(
-        radius * directions, directions, ones / radius**2, ones / radius, 4 * math.pi * radius**2, 2
-    )
+    return AnalyticSamples(radius * directions, directions, ones / radius**2, ones / radius, 4 * math.pi * radius**2, 2)
 
 
 def ellipsoid_samples(

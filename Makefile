@@ -21,7 +21,7 @@ lint: .venv/tested
 	.venv/bin/mypy
 
 bench: .venv/tested
-	.venv/bin/python -m pytest benchmarks --benchmark-columns=min,median,max -s
+	.venv/bin/python -m pytest benchmarks/bench_*.py --benchmark-columns=min,median,max -s
 
 .venv/installed: pyproject.toml constraints.txt
 	sh .ci/venv $(PYTHON)

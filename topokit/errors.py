@@ -54,8 +54,13 @@ _READER_ERRORS = (
 
 
 @contextmanager
-def reading(path: object, reader: str) -> Iterator[None]:
+def reading(path: object, reader: str, *own_errors: type[Exception]) -> Iterator[None]:
     """Turn whatever a third-party reader raises on a broken file into a `ReadError` that names file and reader.
+
+    Args:
+        path: the file, for the message.
+        reader: who reads it, for the message.
+        own_errors: exception classes of the reader's own.
 
     Raises:
         ReadError: instead of the reader's own exception, which stays attached as the cause.
@@ -70,7 +75,7 @@ def reading(path: object, reader: str) -> Iterator[None]:
             f"Reading {path} with {reader} needs a package that is not installed ({error}). "
             'Install the readers: pip install "topokit[formats]".'
         ) from error
-    except _READER_ERRORS as error:
+    except (*_READER_ERRORS, *own_errors) as error:
         said = " ".join(str(error).split())[:200] or "no message"
         raise ReadError(
             f"{path} could not be read by {reader} ({type(error).__name__}: {said}). "

@@ -46,7 +46,7 @@ class Shape:
         if samples.n_points <= n_neighbors:
             raise InputError(
                 f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
-                f"give at least {n_neighbors + 1}, or pass n_neighbors={max(3, samples.n_points - 1)} or fewer (at least 3)."
+                f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
             )
         self.samples = samples
         self.exact = exact

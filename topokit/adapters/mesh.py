@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -136,12 +135,14 @@ def _checked(faces: NDArray[np.int64], vertices: NDArray[np.float64]) -> NDArray
 def _count(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Counted:
     """Count the mesh as it stands; where it is open, try whether equal vertices are one vertex written twice."""
     notes = _leftovers(vertices, faces)
+    faces = faces[_is_proper(faces)]
+    if len(faces) == 0:
+        raise InputError("every face of the mesh names a vertex twice: nothing is left to count.")
     shares_vertices = len(np.unique(faces)) < faces.size
-    as_given = mesh_topology(vertices, _without_degenerate(faces))
+    as_given = mesh_topology(vertices, faces)
     if as_given.is_closed:
         return _Counted(as_given, notes)
-    merged_faces, n_merged = _merge(vertices, faces, 0.0)
-    merged = mesh_topology(vertices, _without_degenerate(merged_faces)) if n_merged else as_given
+    merged, n_merged = _count_merged(vertices, faces, 0.0) or (as_given, 0)
     if merged.is_closed or not shares_vertices or _is_mended(as_given, merged):
         effect = "which closes the mesh" if merged.is_closed else "which leaves it open"
         note = f"{n_merged} vertices that equal another were merged, {effect}."
@@ -150,14 +151,22 @@ def _count(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> _Counted:
         best = _Counted(as_given, notes)
     if best.topology.is_closed:
         return best
-    nearly_faces, n_nearly = _merge(vertices, faces, _NEARLY_EQUAL)
-    nearly = mesh_topology(vertices, _without_degenerate(nearly_faces)) if n_nearly > n_merged else merged
+    nearly, n_nearly = _count_merged(vertices, faces, _NEARLY_EQUAL) or (merged, 0)
     if not nearly.is_closed:
         return best
     note = (
         f"{n_nearly} vertices within {_NEARLY_EQUAL:g} of the diagonal of another were merged, which closes the mesh."
     )
     return _Counted(nearly, (*notes, note), beyond_doubt=False)
+
+
+def _count_merged(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: float
+) -> tuple[MeshTopology, int] | None:
+    """The mesh with equal vertices merged and how many were; None if there are none or no face would be left."""
+    merged, n_merged = _merge(vertices, faces, tolerance)
+    kept = merged[_is_proper(merged)]
+    return (mesh_topology(vertices, kept), n_merged) if n_merged and len(kept) else None
 
 
 def _is_mended(before: MeshTopology, after: MeshTopology) -> bool:
@@ -167,7 +176,7 @@ def _is_mended(before: MeshTopology, after: MeshTopology) -> bool:
 
 def _leftovers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[str, ...]:
     n_unused = len(vertices) - len(np.unique(faces))
-    n_degenerate = len(faces) - len(_without_degenerate(faces))
+    n_degenerate = int((~_is_proper(faces)).sum())
     notes = []
     if n_unused:
         notes.append(f"{n_unused} vertices belong to no face and are not counted.")
@@ -176,12 +185,10 @@ def _leftovers(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple
     return tuple(notes)
 
 
-def _without_degenerate(faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _is_proper(faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Faces that name three different vertices."""
     a, b, c = faces.T
-    kept = faces[(a != b) & (b != c) & (c != a)]
-    if len(kept) == 0:
-        raise InputError("every face of the mesh names a vertex twice: nothing is left to count.")
-    return kept
+    return (a != b) & (b != c) & (c != a)
 
 
 def _merge(vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: float) -> tuple[NDArray[np.int64], int]:
@@ -232,9 +239,7 @@ def _reasons(topology: MeshTopology) -> tuple[str, ...]:
             f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact."
         ]
     else:
-        lines = [
-            f"The mesh is not a closed manifold; V − E + F = {topology.euler} over {parts} is that of the mesh as it is."
-        ]
+        lines = [f"The mesh is not a closed manifold; its V − E + F as it stands is {topology.euler} over {parts}."]
     if topology.boundary_edges:
         loops = _plural(topology.boundary_loops, "boundary loop")
         lines.append(f"It is open: {_plural(topology.boundary_edges, 'edge')} in {loops} have only one face.")
@@ -250,7 +255,7 @@ def _reasons(topology: MeshTopology) -> tuple[str, ...]:
         )
     if topology.inward_components:
         lines.append(
-            f"{_plural(topology.inward_components, 'closed component')} faced inward and was turned for the normals."
+            f"{_plural(topology.inward_components, 'closed component')} facing inward, turned for the normals."
         )
     if not topology.is_orientable:
         lines.append("The surface is one-sided (not orientable), so it has no genus in the usual sense.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 import re
 from collections.abc import Callable
@@ -102,10 +103,8 @@ def _read_npz(path: Path) -> Cloud:
 def _read_ply(path: Path) -> Cloud:
     from plyfile import PlyData, PlyParseError
 
-    try:
+    with reading(path, "plyfile", PlyParseError):
         vertex = PlyData.read(str(path))["vertex"].data
-    except PlyParseError as error:
-        raise ReadError(f"{path} is not a readable .ply file: {error}.") from error
     return _from_fields(vertex, ("nx", "ny", "nz"), path)
 
 
@@ -114,7 +113,9 @@ def _read_pcd(path: Path) -> Cloud:
         from pypcd4 import PointCloud
     except ImportError as error:
         raise MissingDependencyError('Reading .pcd needs pypcd4: pip install "topokit[formats]".') from error
-    cloud = PointCloud.from_path(path)
+    # Versions .5 and .6 only lack header lines that have defaults; pypcd4 knows .7 alone.
+    content = re.sub(rb"^VERSION .*$", b"VERSION .7", path.read_bytes(), count=1, flags=re.MULTILINE)
+    cloud = PointCloud.from_fileobj(io.BytesIO(content))
     return _from_fields(cloud.pc_data, ("normal_x", "normal_y", "normal_z"), path)
 
 
@@ -123,7 +124,7 @@ def _read_las(path: Path) -> Cloud:
         import laspy
     except ImportError as error:
         raise MissingDependencyError('Reading .las needs laspy: pip install "topokit[formats]".') from error
-    with reading(path, "laspy"):
+    with reading(path, "laspy", laspy.errors.LaspyException):
         file = laspy.read(path)
     return np.stack((file.x, file.y, file.z), axis=1).astype(np.float64), None
 

@@ -95,13 +95,14 @@ def surface_curvature(
         return shape_operator, areas, is_open
 
     shape_operator, areas, is_open = in_chunks(local, len(neighbors), neighbors.device)
+    symmetric = (shape_operator + shape_operator.mT) / 2  # as it is already, but for the commuting solver
     lead = samples.points.shape[:-1]
     return Curvature(
         gaussian=determinant(shape_operator).reshape(lead),
         mean=trace(shape_operator).reshape(lead) / 2,
         total=shape_operator.square().sum((-2, -1)).reshape(lead),
-        principal=eigenvalues(shape_operator).reshape(*lead, 2),
-        directions=(eigenvectors(shape_operator) @ frames[:, :2]).reshape(*lead, 2, 3),
+        principal=eigenvalues(symmetric).reshape(*lead, 2),
+        directions=(eigenvectors(symmetric) @ frames[:, :2]).reshape(*lead, 2, 3),
         area=areas.reshape(lead) if samples.areas is None else samples.areas,
         normals=frames[:, 2].reshape(*lead, 3),
         is_boundary=is_open.reshape(lead),

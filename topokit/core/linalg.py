@@ -141,7 +141,8 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3)
     energy = (start.unsqueeze(-2) @ fixed @ start.unsqueeze(-1)).squeeze(-1)
     shifted = tangent @ fixed @ tangent.mT
     shifted = shifted - energy[..., None] * torch.eye(2, dtype=matrix.dtype, device=matrix.device)
-    shifted = lift_smallest_eigenvalue(shifted, relative * trace(fixed).clamp(min=torch.finfo(matrix.dtype).tiny))
+    size = trace(fixed)
+    shifted = lift_smallest_eigenvalue(shifted, relative * size.where(size > 0, 1))
     inverse = adjugate(shifted) / determinant(shifted)[..., None, None]
     residual = (tangent @ matrix @ start.unsqueeze(-1)) - (tangent @ fixed @ start.unsqueeze(-1))
     step = tangent.mT @ (inverse @ residual)

@@ -23,7 +23,7 @@ class MeshTopology:
     Attributes:
         euler: V − E + F, unreferenced vertices and degenerate faces left out.
         components: the components, largest area first.
-        boundary_loops: closed boundary curves in all.
+        boundary_loops: closed boundary curves in all, as they are once pinched vertices are taken apart.
         boundary_edges, nonmanifold_edges: edges with one face; with three or more.
         pinched_vertices: vertices whose faces form more than one fan.
         flipped_faces: faces against the majority's orientation in their component.
@@ -200,7 +200,7 @@ def _boundary_loops(
     labels: Integers,
     n_components: int,
 ) -> Integers:
-    """Boundary curves per component; curves that touch in a pinched vertex are told apart by its fans."""
+    """Boundary curves per component, as they are once the fans of pinched vertices are taken apart."""
     half = np.flatnonzero(edge_uses[face_edges.ravel()] == 1)
     if len(half) == 0:
         return np.zeros(n_components, dtype=np.int64)

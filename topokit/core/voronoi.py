@@ -74,7 +74,7 @@ def _cutting_neighbors(tangent: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     own = torch.arange(tangent.shape[-2], device=tangent.device)
     first, second = tangent[..., 0], tangent[..., 1]
     outer = first[..., :, None] * second[..., None, :]
-    cross = outer - outer.mT  # (..., k, k): u × v, row u, column v
+    cross = (outer - outer.mT).add_(0.0)  # (..., k, k): u × v, row u, column v; the sum makes −0 into +0
     rise = first[..., :, None] * first[..., None, :] + second[..., :, None] * second[..., None, :]
     rise = torch.sub((first * first + second * second)[..., None, :], rise, out=rise)  # |v|² − u·v
     # Where u × v = 0 the quotient is +∞ (no cut), or −∞ where v is nearer in the same direction (u is hidden).

@@ -20,11 +20,11 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
         tangent: (..., k, 2), offsets of the neighbours in the tangent basis, dp̃.
         normal_change: (..., k, 2), their normals minus the centre's in the same basis, dñ.
         solver: "sylvester" is the best symmetric map (Algorithm 1, in closed form); "symmetrized" is the
-            pseudo-inverse followed by (W + Wᵀ)/2; "commuting" assumes that the map commutes with dp̃ᵀdp̃ (its
-            determinant is the paper's shortcut for K; its trace is an approximation too).
+            pseudo-inverse followed by (W + Wᵀ)/2; "commuting" assumes that the map commutes with dp̃ᵀdp̃, which is
+            only made for its determinant, the paper's shortcut for K.
 
     Returns:
-        (..., 2, 2), symmetric, in 1/length. With outward normals a sphere of radius r gives I/r: W is +∇n, the
+        (..., 2, 2), in 1/length, symmetric (for "commuting" only where the assumption holds). With outward normals a sphere of radius r gives I/r: W is +∇n, the
         opposite of the paper's equation `definition of Weingarten map`. Differentiable; finite where all neighbours
         lie on a line or coincide.
 
@@ -40,14 +40,13 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
     moment = lift_smallest_eigenvalue(moment, floor)
     mixed = steps.mT @ normal_change
     if solver == "sylvester":
-        solution = solve_sylvester(moment, mixed + mixed.mT)
-    elif solver == "symmetrized":
-        solution = adjugate(moment) @ mixed / determinant(moment)[..., None, None]
-    elif solver == "commuting":
-        solution = adjugate(moment) @ (mixed + mixed.mT) / (2 * determinant(moment)[..., None, None])
-    else:
-        raise InputError(f"solver {solver!r} is not known; use 'sylvester', 'symmetrized' or 'commuting'.")
-    return (solution + solution.mT) / 2 / radius
+        return solve_sylvester(moment, mixed + mixed.mT) / radius
+    if solver == "symmetrized":
+        plain = adjugate(moment) @ mixed / determinant(moment)[..., None, None]
+        return (plain + plain.mT) / 2 / radius
+    if solver == "commuting":
+        return adjugate(moment) @ (mixed + mixed.mT) / (2 * determinant(moment)[..., None, None]) / radius
+    raise InputError(f"solver {solver!r} is not known; use 'sylvester', 'symmetrized' or 'commuting'.")
 
 
 def solve_sylvester(moment: Tensor, mixed: Tensor) -> Tensor:

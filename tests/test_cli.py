@@ -1,0 +1,116 @@
+"""The command line as a user runs it: streams, exit codes, JSON."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from plyfile import PlyData
+
+from topokit.testing import genus_mesh, sphere_samples, torus_mesh
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "topokit", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("shapes")
+    trimesh.Trimesh(*genus_mesh(2, resolution=12), process=False).export(folder / "double.obj")
+    vertices, faces = torus_mesh(20, 10)
+    trimesh.Trimesh(vertices, faces[1:], process=False).export(folder / "open.off")
+    np.savetxt(folder / "cloud.xyz", sphere_samples(1500).points.numpy())
+    (folder / "broken.ply").write_bytes(b"ply\nnonsense")
+    return folder
+
+
+def test_report_answers_every_file_it_can(files: Path) -> None:
+    found = run("report", files / "broken.ply", files / "double.obj", files / "nowhere.obj", files / "cloud.xyz")
+    assert found.returncode == 1
+    assert "double.obj: Euler characteristic -2 (certain), genus 2, 1 component, closed" in found.stdout
+    assert "cloud.xyz: Euler characteristic 2 (unsure)" in found.stdout
+    assert "broken.ply" in found.stderr
+    assert "nowhere.obj does not exist" in found.stderr
+    assert "Traceback" not in found.stderr
+
+
+def test_report_as_json(files: Path) -> None:
+    found = run("report", "--json", files / "double.obj", files / "broken.ply", "-k", 15, "--samples", 2000)
+    assert found.returncode == 1
+    good, bad = json.loads(found.stdout)
+    assert (good["euler"], good["genus"], good["verdict"], good["betti"]) == (-2, 2, "certain", [1, 4, 1])
+    assert good["evidence"][0]["name"] == "V − E + F"
+    assert bad["file"].endswith("broken.ply")
+    assert "could not be read" in bad["error"]
+
+
+def test_euler_and_genus_print_lines_for_machines(files: Path) -> None:
+    found = run("euler", files / "double.obj", files / "open.off")
+    assert found.returncode == 0
+    assert found.stdout.splitlines() == [f"-2\tcertain\t{files / 'double.obj'}", f"-1\tunsure\t{files / 'open.off'}"]
+    assert found.stderr == ""
+    found = run("genus", files / "cloud.xyz", files / "broken.ply", files / "double.obj")
+    assert found.returncode == 1
+    assert found.stdout.splitlines() == [f"0\tunsure\t{files / 'cloud.xyz'}", f"2\tcertain\t{files / 'double.obj'}"]
+
+
+def test_curvature_writes_a_coloured_mesh(files: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.ply"
+    found = run("curvature", files / "double.obj", "-o", output, "--color-by", "mean")
+    assert found.returncode == 0
+    written, mesh = PlyData.read(str(output)), trimesh.load(files / "double.obj", process=False)
+    assert len(written["vertex"].data) == len(mesh.vertices)
+    assert len(written["face"].data) == len(mesh.faces)
+    names = {"x", "y", "z", "nx", "ny", "nz", "red", "green", "blue"}
+    assert names | {"gaussian", "mean", "total", "k_min", "k_max", "area"} == set(written["vertex"].data.dtype.names)
+    reread = trimesh.load(output, process=False)
+    assert reread.euler_number == -2
+    mean = written["vertex"]["mean"]
+    assert np.median(mean) > 0
+    blue = written["vertex"]["blue"].astype(int) - written["vertex"]["red"]
+    assert (blue[mean < -0.5] > 0).all()
+    assert (blue[mean > 0.5] < 0).all()
+
+
+def test_curvature_of_a_cloud_keeps_its_points(files: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out.ply"
+    assert run("curvature", files / "cloud.xyz", "-o", output).returncode == 0
+    written = PlyData.read(str(output))
+    assert len(written["vertex"].data) == 1500
+    assert abs(np.median(written["vertex"]["gaussian"]) - 1) < 0.2
+
+
+def test_a_folder_that_is_not_there_is_explained(files: Path, tmp_path: Path) -> None:
+    found = run("curvature", files / "cloud.xyz", "-o", tmp_path / "no" / "out.ply")
+    assert found.returncode == 1
+    assert "does not exist; make it first" in found.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments", [("report",), ("report", "--no-such-option", "x"), ("fly",), ("report", "-k", "2", "x")]
+)
+def test_usage_errors_exit_with_2(arguments: tuple[str, ...]) -> None:
+    assert run(*arguments).returncode == 2
+
+
+def test_seed_and_k_reach_the_core(files: Path) -> None:
+    answers = [
+        json.loads(run("report", "--json", files / "double.obj", *options).stdout)[0]["estimate"]
+        for options in ((), ("--seed", 0), ("--seed", 1), ("-k", 12), ("--samples", 3000))
+    ]
+    assert answers[0] == answers[1]
+    assert len(set(answers)) == 4
+
+
+def test_demo_shows_a_mesh_and_a_cloud() -> None:
+    found = run("demo")
+    assert found.returncode == 0
+    assert "a genus-3 mesh: Euler characteristic -4 (certain), genus 3" in found.stdout
+    assert "a torus as an unoriented point cloud: Euler characteristic 0" in found.stdout

@@ -1,0 +1,45 @@
+"""Real files with known topology: meshes exactly right, broken ones never wrongly certain."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import topokit as tk
+
+
+def rows(data: Path, kind: str) -> list[dict]:
+    return [row for row in json.loads((data / "index.json").read_text()) if row["kind"] == kind]
+
+
+def test_meshes_are_exactly_right_and_certain(real_data: Path) -> None:
+    wrong = []
+    for row in rows(real_data, "mesh"):
+        report = tk.load(real_data / row["path"]).report()
+        if (report.euler, report.genus, report.components) != (row["chi"], row["genus"], row["components"]):
+            wrong.append((row["name"], report.euler, report.genus, report.components))
+        if report.verdict != "certain":
+            wrong.append((row["name"], report.verdict))
+    assert wrong == []
+
+
+def test_broken_meshes_are_never_wrongly_certain(real_data: Path) -> None:
+    for row in rows(real_data, "bad"):
+        try:
+            report = tk.load(real_data / row["path"]).report()
+        except tk.TopokitError as error:
+            assert row["subkind"] == "broken", (row["name"], error)
+            continue
+        assert report.verdict != "certain" or report.euler == row["chi"], row["name"]
+        if row["subkind"] == "open":
+            assert not report.closed, row["name"]
+            assert any("open" in reason for reason in report.reasons)
+
+
+def test_scans_are_read_or_refused_clearly(real_data: Path) -> None:
+    for row in rows(real_data, "points"):
+        report = tk.load(real_data / row["path"]).report()
+        assert report.verdict == "unsure", row["name"]
+        assert report.estimate is not None

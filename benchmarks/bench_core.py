@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from itertools import pairwise
 from statistics import median
 from time import perf_counter
 
@@ -61,13 +62,13 @@ def test_ratios(n_points: int, with_normals: bool) -> None:
         times.append(perf_counter())
         value.backward()
         times.append(perf_counter())
-        rows.append([after - before for before, after in zip(times, times[1:], strict=False)])
+        rows.append([after - before for before, after in pairwise(times)])
     forward = median(row[1] / row[0] for row in rows)
     backward = median(row[3] / row[2] for row in rows)
     print(
-        f"\n{n_points} points, {'given' if with_normals else 'estimated'} normals: query {median(r[0] for r in rows):.3f} s, "
-        f"forward / query {forward:.2f}, backward / forward {backward:.2f}"
+        f"\n{n_points} points, {'given' if with_normals else 'estimated'} normals, query {median(r[0] for r in rows):.3f} s"
     )
+    print(f"forward / query {forward:.2f}, backward / forward {backward:.2f}")
 
 
 def test_memory_of_a_million_points() -> None:

@@ -97,7 +97,7 @@ def test_an_open_cloud_says_where_and_has_no_genus() -> None:
     assert not report.closed
     assert report.genus is None
     assert any("not closed" in reason for reason in report.reasons)
-    with pytest.raises(GenusError, match="no genus that topokit can vouch for.*not closed"):
+    with pytest.raises(GenusError, match=r"no genus that topokit can vouch for.*not closed"):
         shape.genus()
 
 
@@ -109,7 +109,7 @@ def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
     assert "40 of 400 points are NaN or infinite and were dropped." in shape.report().reasons
     points[:300] = torch.inf
     with pytest.raises(
-        InputError, match="of 400 points are NaN or infinite. A cloud of which most is missing is refused"
+        InputError, match=r"of 400 points are NaN or infinite\. A cloud of which most is missing is refused"
     ):
         tk.from_points(points)
 

@@ -34,7 +34,7 @@ class GenusError(TopokitError, ValueError):
 
 
 # What third-party readers raise on malformed files. Programming errors of ours (NameError, ...) are left out.
-_READER_ERRORS = (
+_READER_ERRORS: tuple[type[Exception], ...] = (
     ArithmeticError,
     AssertionError,
     AttributeError,

@@ -24,8 +24,8 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
             only made for its determinant, the paper's shortcut for K.
 
     Returns:
-        (..., 2, 2), in 1/length, symmetric (for "commuting" only where the assumption holds). With outward normals a sphere of radius r gives I/r: W is +∇n, the
-        opposite of the paper's equation `definition of Weingarten map`. Differentiable; finite where all neighbours
+        (..., 2, 2), in 1/length, symmetric (for "commuting" only where its assumption holds). With outward normals a
+        sphere of radius r gives I/r: W is +∇n, the opposite of the paper's equation `definition of Weingarten map`. Differentiable; finite where all neighbours
         lie on a line or coincide.
 
     Raises:

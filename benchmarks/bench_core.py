@@ -65,9 +65,8 @@ def test_ratios(n_points: int, with_normals: bool) -> None:
         rows.append([after - before for before, after in pairwise(times)])
     forward = median(row[1] / row[0] for row in rows)
     backward = median(row[3] / row[2] for row in rows)
-    print(
-        f"\n{n_points} points, {'given' if with_normals else 'estimated'} normals, query {median(r[0] for r in rows):.3f} s"
-    )
+    kind = "given" if with_normals else "estimated"
+    print(f"\n{n_points} points, {kind} normals, query {median(row[0] for row in rows):.3f} s")
     print(f"forward / query {forward:.2f}, backward / forward {backward:.2f}")
 
 

@@ -25,9 +25,7 @@ def main() -> None:
 
     cloud.euler().backward()
     assert points.grad is not None
-    print(
-        f"  the Euler characteristic's gradient reaches the points: mean length {float(points.grad.norm(dim=1).mean()):.2e}"
-    )
+    print(f"  the estimate's gradient reaches the points: mean length {float(points.grad.norm(dim=1).mean()):.2e}")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,20 @@ import pytest
 import topokit
 
 ROOT = Path(topokit.__file__).parent
-LAYERS = ["errors", "files", "core", "report", "shape", "registry", "adapters", "testing", "losses", "view", "cli"]
+LAYERS = [
+    "errors",
+    "files",
+    "core",
+    "report",
+    "diagnosis",
+    "shape",
+    "registry",
+    "adapters",
+    "testing",
+    "losses",
+    "view",
+    "cli",
+]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "rich", "typer")
 
 

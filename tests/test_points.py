@@ -192,7 +192,7 @@ def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
 def test_missing_files_directories_and_names(tmp_path: Path) -> None:
     with pytest.raises(ReadError, match="does not exist"):
         tk.load(tmp_path / "nowhere.ply")
-    with pytest.raises(ReadError, match="is a directory"):
+    with pytest.raises(ReadError, match=r"is a directory"):
         tk.load(tmp_path)
-    with pytest.raises(InputError, match="adapter 'meshes' is not known. Known: mesh, points"):
+    with pytest.raises(InputError, match=r"adapter 'meshes' is not known. Known: mesh, points"):
         tk.load(__file__, adapter="meshes")

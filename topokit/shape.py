@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.boundary import boundary_points, looks_closed
-from topokit.core.components import SurfaceComponent
+from topokit.core.boundary import BoundaryCurve, boundary_curves, euler_of_boundary, rim_points
 from topokit.core.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
-from topokit.core.gauss_bonnet import euler_by_component, euler_characteristic
-from topokit.core.neighbors import neighbor_components
+from topokit.core.gauss_bonnet import euler_characteristic
+from topokit.core.refine import corrected, self_optimize
 from topokit.core.samples import SurfaceSamples
 from topokit.core.voronoi import AreaMethod
 from topokit.core.weingarten import Solver
+from topokit.core.witness import Witness, global_witness
+from topokit.diagnosis import Measured, exact_report, sampled_report
 from topokit.errors import GenusError, InputError
-from topokit.report import Evidence, ExactAnswer, TopologyReport, betti_numbers, count_cavities, sum_genus
+from topokit.report import Evidence, ExactAnswer, TopologyReport
 
 
 class Shape:
@@ -54,6 +56,7 @@ class Shape:
         self.name = name
         self.notes = notes
         self.n_neighbors = n_neighbors
+        self._witnessed: list[Witness | InputError] | None = None
 
     def __repr__(self) -> str:
         known = "exact, " if self.exact else ""
@@ -87,19 +90,48 @@ class Shape:
             area_resolution=area_resolution,
         )
 
-    def euler(self, n_neighbors: int | None = None, *, solver: Solver = "sylvester") -> Tensor:
-        """Differentiable Euler characteristic χ⁽⁰⁾ = (1/2π) Σ K·A of the samples.
+    def euler(
+        self,
+        n_neighbors: int | None = None,
+        *,
+        refine: bool = True,
+        target: Tensor | float | None = None,
+        solver: Solver = "sylvester",
+        max_steps: int = 20,
+    ) -> Tensor:
+        """Differentiable Euler characteristic by Gauss–Bonnet: χ⁽ᴷ⁾ (Algorithm 2 whole), or χ⁽⁰⁾ with `refine=False`.
 
-        It is a real number near the integer; `report()` gives the integer and says how far to believe it.
+        χ⁽⁰⁾ = (1/2π) Σ K·A, with the boundary's turning added where the samples show one. χ⁽ᴷ⁾ is the same sum at
+        normals that self-optimisation has turned until it meets the target. The gradient of χ⁽ᴷ⁾ is that of the sum
+        at these normals with the correction held fixed; the refined value itself hardly depends on anything.
+        `report()` gives the integer and says how far to believe it.
+
+        Args:
+            n_neighbors: k; the shape's own by default.
+            refine: whether to self-optimise.
+            target: what χ must be; by default the exact integer where there is one, else the global witness's.
+                Without either (planes, lines, ...) nothing is refined.
+            solver: see `topokit.core.weingarten`.
+            max_steps: of the self-optimisation.
 
         Returns:
             0-d tensor (or (...,) for batched samples), differentiable with respect to points and normals.
 
         Reference:
-            Paper, equation `euler`.
+            Paper, equation `euler` and Algorithm 2.
         """
-        local = self.curvature(n_neighbors, solver=solver)
-        return euler_characteristic(local.gaussian, local.area)
+        k = n_neighbors or self.n_neighbors
+        local = surface_curvature(self.samples, k, solver=solver)
+        boundary = self._boundary(local)
+        goal = self._targets(target, local) if refine else None
+        if goal is None:
+            return euler_characteristic(local.gaussian, local.area) + boundary
+        oriented = self._with_normals(local)
+        refinement = self_optimize(
+            oriented, goal - boundary, max_steps=max_steps, n_neighbors=k, solver=solver, neighbors=local.neighbors
+        )
+        refined = surface_curvature(corrected(oriented, refinement), k, solver=solver, neighbors=local.neighbors)
+        return euler_characteristic(refined.gaussian, refined.area) + boundary
 
     def genus(self) -> int:
         """Handles summed over components, from the report's integer.
@@ -113,11 +145,14 @@ class Shape:
             raise GenusError(f"{self.name} has no genus that topokit can vouch for. {why}")
         return report.genus
 
-    def report(self) -> TopologyReport:
+    def report(self, *, refine: bool | None = None) -> TopologyReport:
         """Everything there is to say: integer, genus, components, verdict, reasons and evidence.
 
-        Meshes answer from their connectivity; the estimate from curvature stands beside it. Batched samples have no
-        single report.
+        A shape with an exact answer (a mesh) reports that; the estimate from curvature stands beside it. Samples are
+        judged by the global witness, with curvature beside it. Batched samples have no single report.
+
+        Args:
+            refine: whether to compute the self-optimised χ⁽ᴷ⁾ for the record; by default only where nothing is exact.
 
         Raises:
             InputError: if the samples are batched.
@@ -127,87 +162,129 @@ class Shape:
                 f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
                 "Ask euler() for all of them, or report() item by item."
             )
-        started = time.perf_counter()
-        with torch.no_grad():
-            local = self.curvature()
-            estimate = float(euler_characteristic(local.gaussian, local.area))
-        evidence = Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)
+        wanted = self.exact is None if refine is None else refine
+        measured = self._measure(wanted)
         if self.exact is not None:
-            return self._report_exact(self.exact, evidence)
-        return self._report_sampled(local, evidence)
+            return exact_report(self.name, self.notes, self.exact, measured)
+        return sampled_report(self.name, self.notes, self.samples.points.detach(), measured)
 
-    def _report_exact(self, exact: ExactAnswer, curvature: Evidence) -> TopologyReport:
-        closed, components = exact.closed, exact.components
-        return TopologyReport(
-            name=self.name,
-            euler=exact.evidence.integer,
-            genus=sum_genus(components),
-            components=len(components),
-            cavities=count_cavities(components) if closed else None,
-            betti=betti_numbers(components, closed),
-            boundary_loops=exact.boundary_loops,
-            closed=closed,
-            verdict=exact.verdict,
-            reasons=self.notes + exact.reasons,
-            evidence=(exact.evidence, curvature),
-            estimate=curvature.value,
-            refined=None,
-            resolution=None,
-            per_component=components,
+    def oriented(self) -> Shape:
+        """The same shape with outward normals found by the global witness, where its own have no signs.
+
+        Returns:
+            A `Shape` whose normals are differentiable in the points; this one if it is oriented already.
+
+        Raises:
+            InputError: if the points bound no solid, so that there is no outside.
+        """
+        if self.samples.oriented:
+            return self
+        for found in self._witnesses():
+            if isinstance(found, InputError):
+                raise found
+        samples = self._with_normals(self.curvature())
+        return Shape(
+            samples, self.exact, mesh=self.mesh, name=self.name, notes=self.notes, n_neighbors=self.n_neighbors
         )
 
-    def _report_sampled(self, local: Curvature, curvature: Evidence) -> TopologyReport:
-        is_boundary = boundary_points(local.is_boundary, local.neighbors)
-        closed = looks_closed(is_boundary)
-        integer = 2 * round(curvature.value / 2) if closed else round(curvature.value)
-        spacing = float((local.area.sum() / local.area.numel()).sqrt())
-        components = self._sampled_components(local)
-        reasons = [
-            f"Gauss–Bonnet on {self.samples.n_points} samples gives {curvature.value:.2f}; the nearest "
-            f"{'even ' if closed else ''}integer is {integer}.",
-            "It is the only witness there is for samples, so it stays unsure.",
-            f"Features smaller than about {3 * spacing:.3g} (three sample spacings) cannot be seen.",
-        ]
-        if not closed:
-            low, high = (corner.tolist() for corner in self.samples.points[is_boundary].detach().aminmax(dim=0))
-            reasons.append(
-                f"The surface is not closed: {int(is_boundary.sum())} samples lie on its boundary, between "
-                f"({_numbers(low)}) and ({_numbers(high)}); the boundary's own share of χ is not included."
+    @torch.no_grad()
+    def _measure(self, refine: bool) -> Measured:
+        started = time.perf_counter()
+        local = self.curvature()
+        curves = () if self._is_exactly_closed() else self._curves(local)[0]
+        estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(curves)
+        evidence = [Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)]
+        witness, refusal = None, ""
+        if self.exact is None:
+            found = self._witnesses()[0]
+            witness, refusal = (None, str(found)) if isinstance(found, InputError) else (found, "")
+        if witness is not None:
+            evidence += _votes(witness)
+        refined = None
+        if refine:
+            started = time.perf_counter()
+            refined = float(self.euler())
+            evidence.append(Evidence("Gauss–Bonnet, self-optimised", refined, None, time.perf_counter() - started))
+        return Measured(local, curves, estimate, refined, witness, refusal, tuple(evidence))
+
+    def _is_exactly_closed(self) -> bool:
+        return self.exact is not None and self.exact.closed
+
+    def _curves(self, local: Curvature) -> list[tuple[BoundaryCurve, ...]]:
+        """Boundary curves per batch item, from the geometry of the points alone."""
+        found = []
+        k = local.neighbors.shape[-1]
+        for item, points in enumerate(self.samples.points.detach().reshape(-1, self.samples.n_points, 3)):
+            rows = slice(item * len(points), (item + 1) * len(points))
+            neighbors = local.neighbors[rows] - item * len(points)
+            with torch.no_grad():
+                plain = surface_curvature(SurfaceSamples(points), k, neighbors=neighbors)
+            spacing = float(plain.area.mean().sqrt())
+            rim = rim_points(points, plain.normals, neighbors)
+            found.append(boundary_curves(points, plain.normals, rim, spacing))
+        return found
+
+    def _boundary(self, local: Curvature) -> Tensor:
+        """The boundary's share of χ, (...)."""
+        lead = self.samples.points.shape[:-2]
+        if self._is_exactly_closed():
+            return local.area.new_zeros(lead)
+        shares = [euler_of_boundary(curves) for curves in self._curves(local)]
+        return local.area.new_tensor(shares).reshape(lead)
+
+    def _witnesses(self) -> list[Witness | InputError]:
+        """The global witness per batch item, asked once; its refusal where the points bound no solid."""
+        if self._witnessed is None:
+            self._witnessed = []
+            samples = self.samples
+            points = samples.points.detach().reshape(-1, samples.n_points, 3)
+            known = samples.known_normals() if samples.oriented else None
+            normals = None if known is None else known.detach().reshape(points.shape)
+            for item in range(len(points)):
+                try:
+                    found: Witness | InputError = global_witness(
+                        points[item], None if normals is None else normals[item]
+                    )
+                except InputError as error:
+                    found = error
+                self._witnessed.append(found)
+        return self._witnessed
+
+    def _targets(self, target: Tensor | float | None, local: Curvature) -> Tensor | None:
+        """What χ is to become, (...), or None if there is nothing to go by."""
+        lead = self.samples.points.shape[:-2]
+        if target is not None:
+            return torch.as_tensor(target).to(local.area).expand(lead)
+        if self.exact is not None and self.exact.evidence.integer is not None:
+            return local.area.new_tensor(self.exact.evidence.integer)
+        found = self._witnesses()
+        if any(isinstance(one, InputError) for one in found):
+            return None
+        return local.area.new_tensor([one.euler for one in found if isinstance(one, Witness)]).reshape(lead)
+
+    def _with_normals(self, local: Curvature) -> SurfaceSamples:
+        """Samples with normals, those of PCA turned outward where the witness knows the outside."""
+        samples, normals = self.samples, local.normals
+        if samples.oriented:
+            return SurfaceSamples(samples.points, normals, areas=samples.areas)
+        found = self._witnesses()
+        if any(isinstance(one, InputError) for one in found):
+            return SurfaceSamples(samples.points, normals, areas=samples.areas, oriented=False)
+        outward = np.stack([one.normals for one in found if isinstance(one, Witness)])
+        reference = torch.from_numpy(outward).to(normals).reshape(normals.shape)
+        sign = torch.where((normals.detach() * reference).sum(-1, keepdim=True) < 0, -1.0, 1.0).to(normals)
+        return SurfaceSamples(samples.points, sign * normals, areas=samples.areas)
+
+
+def _votes(witness: Witness) -> list[Evidence]:
+    """The two families of the global witness, each with the value it gives most often."""
+    rows = []
+    for name, key, stage in (("Delaunay cuts", "cut", "votes"), ("winding-number fields", "grid", "votes")):
+        values = [value for setting, value in witness.votes.items() if key in setting]
+        most = max(values, key=lambda value: (values.count(value), -abs(value)))
+        rows.append(
+            Evidence(
+                name, float(sum(values) / len(values)), most, witness.seconds[stage] * len(values) / len(witness.votes)
             )
-        return TopologyReport(
-            name=self.name,
-            euler=integer,
-            genus=(2 * len(components) - integer) // 2 if closed and integer <= 2 * len(components) else None,
-            components=len(components),
-            cavities=None,
-            betti=None,
-            boundary_loops=None,
-            closed=closed,
-            verdict="unsure",
-            reasons=self.notes + tuple(reasons),
-            evidence=(Evidence(curvature.name, curvature.value, integer, curvature.seconds),),
-            estimate=curvature.value,
-            refined=None,
-            resolution=3 * spacing,
-            per_component=components,
         )
-
-    def _sampled_components(self, local: Curvature) -> tuple[SurfaceComponent, ...]:
-        labels = neighbor_components(local.neighbors)
-        estimates = euler_by_component(local.gaussian, local.area, labels)
-        areas = torch.zeros_like(estimates).index_add(0, labels, local.area)
-        shares = (areas / areas.sum().clamp(min=torch.finfo(areas.dtype).tiny)).tolist()
-        points = self.samples.points.detach()
-        rows = labels[:, None].expand_as(points)
-        corners = points.new_zeros(len(estimates), 3)
-        low = corners.scatter_reduce(0, rows, points, "amin", include_self=False).tolist()
-        high = corners.scatter_reduce(0, rows, points, "amax", include_self=False).tolist()
-        found = [
-            SurfaceComponent(None, None, None, (tuple(low[i]), tuple(high[i])), shares[i], estimate=estimate)
-            for i, estimate in enumerate(estimates.tolist())
-        ]
-        return tuple(sorted(found, key=lambda component: -component.area_share))
-
-
-def _numbers(values: list[float]) -> str:
-    return ", ".join(f"{value:.4g}" for value in values)
+    return rows

@@ -1,27 +1,149 @@
-"""Where a sampled surface ends: points whose tangent Voronoi cell is open on one side."""
+"""Where a sampled surface ends: boundary points, the curves they form, and how far these turn."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.spatial import cKDTree
 from torch import Tensor
 
-_LEAST_LOOP = 12  # flagged points on the smallest hole that stands out of the noise
-_LEAST_SHARE = 0.005  # open cells that sharp edges and thin sheets produce on closed surfaces
+from topokit.core.linalg import normalize, tangent_basis
+
+_LEAST_LOOP = 20  # points, and spacings of length, of the smallest hole that stands out of the noise
+_REACH = 6.0  # spacings between successive points of a boundary curve, at most
 
 
-def boundary_points(is_open: Tensor, neighbors: Tensor, support: int = 3) -> Tensor:
-    """Open cells that are not alone: boundaries are curves, so a boundary point has boundary points beside it.
+def rim_points(points: Tensor, normals: Tensor, neighbors: Tensor, gap: float = 110.0, support: int = 3) -> Tensor:
+    """Points with a wide gap between their neighbours' directions: a band about one spacing wide along boundaries.
+
+    Boundaries are curves, so a rim point has rim points beside it: lone ones are dropped.
 
     Args:
-        is_open: (N,) bool, as `cell_areas` gives it.
+        points: (N, 3).
+        normals: (N, 3) unit.
         neighbors: (N, k).
-        support: least number of neighbours that must be open too.
+        gap: least angle in degrees that holds no neighbour.
+        support: least number of neighbours that must have such a gap too.
 
     Returns:
         (N,) bool. Not differentiable.
     """
-    return is_open & (is_open[neighbors].sum(-1) >= support)
+    offsets = (points[neighbors] - points[:, None]).detach()
+    basis = tangent_basis(normals.detach(), offsets[:, -1])[:, :2]
+    tangent = offsets @ basis.mT
+    angles = torch.atan2(tangent[..., 1], tangent[..., 0]).sort(-1).values
+    around = torch.cat((angles[:, 1:], angles[:, :1] + 2 * math.pi), dim=-1) - angles
+    has_gap = around.amax(-1) > math.radians(gap)
+    return has_gap & (has_gap[neighbors].sum(-1) >= support)
 
 
-def looks_closed(is_boundary: Tensor) -> bool:
-    """Whether the boundary points (N,) are too few to mean a hole: under 12, or under half a per cent."""
-    return int(is_boundary.sum()) < max(_LEAST_LOOP, _LEAST_SHARE * is_boundary.numel())
+@dataclass(frozen=True, eq=False)
+class BoundaryCurve:
+    """One closed curve along which a surface ends.
+
+    Attributes:
+        index: (M,) samples in the order of the curve.
+        length: its length, in units of length.
+        turning: ∮ k_g ds, the total geodesic curvature; 2π for the rim of a flat disc, −2π for a hole in it.
+    """
+
+    index: Tensor
+    length: float
+    turning: float
+
+
+def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:
+    """Join boundary points to closed curves and measure how far each turns within the surface.
+
+    Each cluster of boundary points is strung along the longest path of its minimum spanning tree, which must close; the
+    polygon is smoothed so that single points do not zigzag. Its turning towards the surface is the boundary's term of
+    Gauss–Bonnet: χ = (∫ K dA + Σ ∮ k_g ds) / 2π.
+
+    Args:
+        points: (N, 3).
+        normals: (N, 3) unit; signs do not matter.
+        is_boundary: (N,) bool, as `rim_points` gives it.
+        spacing: typical distance of samples.
+
+    Returns:
+        The curves found, longest first; clusters that do not close are left out. Not differentiable.
+    """
+    rows = is_boundary.nonzero().ravel().cpu().numpy()
+    if len(rows) < _LEAST_LOOP:
+        return ()
+    positions = points.detach().cpu().double().numpy()
+    directions = normals.detach().cpu().double().numpy()
+    curves = []
+    for cluster in _clusters(positions[rows], _REACH * spacing):
+        order = _longest_path(positions[rows[cluster]], _REACH * spacing)
+        path = rows[cluster[order]]
+        gap = np.linalg.norm(positions[path[0]] - positions[path[-1]])
+        if len(path) >= _LEAST_LOOP and gap <= 2 * _REACH * spacing:
+            curves.append(_measured(path, positions, directions, spacing))
+    curves = [curve for curve in curves if curve.length > _LEAST_LOOP * spacing]
+    return tuple(sorted(curves, key=lambda curve: -curve.length))
+
+
+def _clusters(positions: NDArray[np.float64], reach: float) -> list[NDArray[np.int64]]:
+    pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(positions),) * 2)
+    labels = connected_components(graph, directed=False)[1]
+    return [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+
+
+def _longest_path(positions: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
+    """Longest path of the minimum spanning tree: a loop's tree is the loop cut open, with short twigs."""
+    pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
+    if len(pairs) == 0:
+        return np.arange(len(positions))[:1]
+    lengths = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
+    lengths = np.maximum(lengths, 1e-12 * reach)  # a zero would be no edge
+    tree = minimum_spanning_tree(coo_array((lengths, pairs.T), shape=(len(positions),) * 2).tocsr())
+    end = breadth_first_order(tree, 0, directed=False)[0][-1]
+    order, parents = breadth_first_order(tree, end, directed=False)
+    path = [int(order[-1])]
+    while path[-1] != end:
+        path.append(int(parents[path[-1]]))
+    return np.array(path)
+
+
+def _measured(
+    path: NDArray[np.int64], positions: NDArray[np.float64], normals: NDArray[np.float64], spacing: float
+) -> BoundaryCurve:
+    """Length and turning of the closed polygon through `path`, smoothed over about three spacings."""
+    nearby = cKDTree(positions).query(positions[path], min(20, len(positions)))[1]
+    up = normals[path]
+    up = up * np.where((up * np.roll(up, 1, axis=0)).sum(1) < 0, -1.0, 1.0).cumprod()[:, None]
+    steps = np.linalg.norm(np.roll(positions[path], -1, axis=0) - positions[path], axis=1)
+    width = max(2, round(3 * spacing / max(steps.mean(), 1e-300)))
+    curve = _smoothed(positions[path], width)
+    up = _smoothed(up, width)
+    up = normalize(torch.from_numpy(up)).numpy()
+    inward = _smoothed(positions[nearby].mean(1) - positions[path], width)
+    ahead = np.roll(curve, -1, axis=0) - curve
+    behind = curve - np.roll(curve, 1, axis=0)
+    ahead, behind = (side - (side * up).sum(1, keepdims=True) * up for side in (ahead, behind))
+    angle = np.arctan2((np.cross(behind, ahead) * up).sum(1), (behind * ahead).sum(1))
+    side = np.sign((np.cross(up, behind + ahead) * inward).sum())  # +1 if the surface lies to the left
+    return BoundaryCurve(torch.from_numpy(path), float(np.linalg.norm(ahead, axis=1).sum()), float(side * angle.sum()))
+
+
+def _smoothed(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Three running means around the closed curve."""
+    half = min(width, (len(values) - 1) // 2)
+    kernel = np.ones(2 * half + 1) / (2 * half + 1)
+    for _ in range(3):
+        padded = np.concatenate((values[-half:], values, values[:half])) if half else values
+        values = np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
+    return values
+
+
+def euler_of_boundary(curves: tuple[BoundaryCurve, ...]) -> float:
+    """The boundary's share of χ: Σ ∮ k_g ds / 2π."""
+    return sum(curve.turning for curve in curves) / (2 * math.pi)

@@ -54,6 +54,7 @@ def surface_curvature(
     solver: Solver = "sylvester",
     area_method: AreaMethod = "exact",
     area_resolution: int = 32,
+    neighbors: Tensor | None = None,
 ) -> Curvature:
     """Curvature and area element at every sample (Algorithm 2, steps 2 to 6).
 
@@ -66,6 +67,7 @@ def surface_curvature(
         solver: see `weingarten_map`.
         area_method: see `cell_areas`; ignored where the samples bring their areas.
         area_resolution: side of the Monte Carlo grid.
+        neighbors: (B·N, k) indices from an earlier call, so that they need not be searched again.
 
     Returns:
         `Curvature`, differentiable in points, normals, frames and areas. Neighbour indices are fixed: where a step
@@ -75,7 +77,8 @@ def surface_curvature(
         InputError: if there are too few points.
     """
     flat = samples.flat()
-    neighbors = flat_neighbors(samples.points, n_neighbors)
+    if neighbors is None:
+        neighbors = flat_neighbors(samples.points, n_neighbors)
     frames = _frames(flat, neighbors)
 
     def local(rows: Tensor) -> tuple[Tensor, ...]:

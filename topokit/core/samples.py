@@ -61,6 +61,10 @@ class SurfaceSamples:
         """Number of points N of each batch item."""
         return self.points.shape[-2]
 
+    def known_normals(self) -> Tensor | None:
+        """Normals (..., N, 3) as given, or the third axis of the frames; None if there are neither."""
+        return self.frames[..., 2, :] if self.frames is not None else self.normals
+
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""
 

@@ -25,8 +25,8 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
 
     Returns:
         (..., 2, 2), in 1/length, symmetric (for "commuting" only where its assumption holds). With outward normals a
-        sphere of radius r gives I/r: W is +∇n, the opposite of the paper's equation `definition of Weingarten map`. Differentiable; finite where all neighbours
-        lie on a line or coincide.
+        sphere of radius r gives I/r: W is +∇n, the opposite of the paper's `definition of Weingarten map`.
+        Differentiable; finite where all neighbours lie on a line or coincide.
 
     Raises:
         InputError: for an unknown solver.

@@ -1,0 +1,187 @@
+"""What the neighbors of a sample say about its surface: planes, areas and noise, before and after normals are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from topokit.core.linalg import normalize
+from topokit.core.neighbors import nearest_neighbors
+from topokit.errors import InputError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_ROWS = 1 << 15  # samples whose neighborhoods are held at once
+_FEWEST = 32
+
+
+@dataclass(frozen=True, eq=False)
+class LocalGeometry:
+    """Neighborhoods of N samples.
+
+    Attributes:
+        index: (N, k + 1), the sample itself and its neighbors, nearest first.
+        distance: (N, k + 1), to each of them.
+        normals: (N, 3), unit, of arbitrary sign: least spread of the neighborhood (PCA).
+        areas: (N,), surface area that each sample stands for.
+        spacing: √(mean area), the typical distance between neighboring samples.
+        roughness: median distance of neighbors from the local plane, in spacings.
+    """
+
+    index: Integers
+    distance: Floats
+    normals: Floats
+    areas: Floats
+    spacing: float
+    roughness: float
+
+
+def local_geometry(points: Floats, n_neighbors: int = 16, areas: Floats | None = None) -> LocalGeometry:
+    """Planes through the neighborhoods of samples and, unless given, areas π r₈² / 8.
+
+    Args:
+        points: (N, 3).
+        n_neighbors: k, at most N − 1 are taken.
+        areas: (N,), where known.
+
+    Raises:
+        InputError: if there are fewer than four points, or nearly all of them coincide.
+    """
+    count = min(n_neighbors, len(points) - 1)
+    own = np.arange(len(points))[:, None]
+    index = np.concatenate((own, nearest_neighbors(torch.from_numpy(points), count).numpy()), axis=1)
+    distance = np.linalg.norm(points[index] - points[:, None], axis=2)
+    normals, thickness = fit_planes(points, index)
+    if areas is None:
+        rank = min(8, count)
+        areas = np.pi * distance[:, rank] ** 2 / rank
+    spacing = float(np.sqrt(areas.mean()))
+    if not spacing > 0:
+        raise InputError("the points coincide in groups, so that there is no distance between neighbors: merge them.")
+    return LocalGeometry(index, distance, normals, areas, spacing, float(np.median(thickness)) / spacing)
+
+
+def fit_planes(points: Floats, index: Integers) -> tuple[Floats, Floats]:
+    """Unit normals (N, 3) of arbitrary sign, and the mean-square distance from the plane, as a length (N,).
+
+    Args:
+        points: (N, 3).
+        index: (N, m), the neighborhoods; they are taken in blocks, so memory is bounded.
+    """
+    normals, thickness = np.empty((len(index), 3)), np.empty(len(index))
+    for start in range(0, len(index), _ROWS):
+        rows = slice(start, start + _ROWS)
+        patch = points[index[rows]]
+        patch -= patch.mean(1, keepdims=True)
+        eigenvalue, eigenvector = np.linalg.eigh(np.einsum("nka,nkb->nab", patch, patch))
+        normals[rows] = eigenvector[:, :, 0]
+        thickness[rows] = np.sqrt(np.maximum(eigenvalue[:, 0], 0) / index.shape[1])
+    return normals, thickness
+
+
+def centered_positions(points: Floats) -> tuple[Floats, float]:
+    """Positions around the origin, in units of a power of two near the longest side of their box, and that unit.
+
+    Far from the origin single precision has no digits left for the shape. Whole units are subtracted, so that a cloud
+    around the origin stays as it is to the last digit.
+
+    Args:
+        points: (N, 3).
+
+    Raises:
+        InputError: for the wrong shape, fewer than 32 points, values that are not finite, or points that lie in a
+            plane, on a line or in one place.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"a cloud has shape (N, 3), not {points.shape}.")
+    if len(points) < _FEWEST:
+        raise InputError(f"{len(points)} points are too few to bound a solid: at least {_FEWEST} are needed.")
+    if not np.isfinite(points).all():
+        raise InputError("some coordinates are not finite: remove those points.")
+    low, high = points.min(0), points.max(0)
+    longest = float((high - low).max())
+    if not np.isfinite(longest) or longest <= 0:
+        raise InputError("the points are all in one place, or too far apart for numbers: they bound no solid.")
+    unit_length = float(2.0 ** np.floor(np.log2(longest)))
+    middle = np.round((low / 2 + high / 2) / unit_length) * unit_length
+    positions = (points - middle) / unit_length
+    thickness = np.linalg.svd(positions - positions.mean(0), compute_uv=False)
+    if thickness[2] <= 1e-6 * thickness[0]:
+        raise InputError("the points lie in a plane or on a line: they bound no solid.")
+    return positions, unit_length
+
+
+def unit(vectors: Floats) -> Floats:
+    """Vectors (N, 3) of length one; zero stays zero, and what has length one stays as it is to the last digit."""
+    is_unit = np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1) < 1e-9
+    return np.where(is_unit, vectors, normalize(torch.from_numpy(vectors)).numpy())
+
+
+def clean_normals(
+    points: Floats, normals: Floats, index: Integers, n_neighbors: int = 12, least_cosine: float = 0.5
+) -> Floats:
+    """Normals of planes through those neighbors whose normals agree; where too few agree the given ones stay.
+
+    Args:
+        points: (N, 3).
+        normals: (N, 3), unit; they also give the sign.
+        index: (N, k + 1), as in `LocalGeometry`.
+        n_neighbors: how many of them take part.
+        least_cosine: between two normals that agree.
+    """
+    chosen = index[:, : n_neighbors + 1]
+    weight = np.clip((normals[chosen] * normals[:, None]).sum(2) - least_cosine, 0, None) / (1 - least_cosine)
+    center = np.einsum("nk,nka->na", weight, points[chosen]) / np.maximum(weight.sum(1), 1e-12)[:, None]
+    patch = points[chosen] - center[:, None]
+    fitted = np.linalg.eigh(np.einsum("nk,nka,nkb->nab", weight, patch, patch))[1][:, :, 0]
+    fitted *= np.where((fitted * normals).sum(1) < 0, -1.0, 1.0)[:, None]
+    return np.where(((weight > 0.1).sum(1) >= 5)[:, None], fitted, normals)
+
+
+def flatten(points: Floats, normals: Floats, local: LocalGeometry, n_neighbors: int = 12) -> Floats:
+    """Samples (N, 3) moved along their normals onto the plane of neighbors that agree: one step of noise removal."""
+    chosen = local.index[:, : n_neighbors + 1]
+    weight = np.clip((normals[chosen] * normals[:, None]).sum(2) - 0.5, 0, None) + 1e-9
+    center = np.einsum("nk,nka->na", weight, points[chosen]) / weight.sum(1, keepdims=True)
+    return points + normals * ((center - points) * normals).sum(1, keepdims=True)
+
+
+def compatible_areas(normals: Floats, local: LocalGeometry, wanted: int = 8) -> Floats:
+    """Disc areas π r² / k over the first `wanted` neighbors on the same sheet, (N,): neighbors whose normals agree."""
+    agrees = (normals[local.index[:, 1:]] * normals[:, None]).sum(2) > 0.3
+    rank = agrees.cumsum(1)
+    k = np.minimum(wanted, rank[:, -1])
+    last = np.minimum((rank < k[:, None]).sum(1), agrees.shape[1] - 1) + 1
+    area = np.pi * local.distance[np.arange(len(normals)), last] ** 2 / np.maximum(k, 1)
+    is_good = k >= 3
+    return np.where(is_good, area, np.median(area[is_good])) if is_good.any() else local.areas
+
+
+def disagreement(normals: Floats, index: Integers, n_neighbors: int = 8) -> float:
+    """Share of neighbor pairs whose normals (N, 3) oppose each other."""
+    return float(((normals[index[:, 1 : n_neighbors + 1]] * normals[:, None]).sum(2) < 0).mean())
+
+
+def crowded_share(points: Floats, normals: Floats, spacing: float, reach: float = 1.5, n_neighbors: int = 39) -> float:
+    """Share of samples that see an opposite sheet, behind or in front, nearer than `reach` spacings.
+
+    Where it is not nearly zero the shape has walls or gaps that the samples cannot resolve, and all settings may agree
+    on a wrong integer.
+
+    Args:
+        points: (N, 3).
+        normals: (N, 3), unit, outward.
+        spacing: typical distance between neighboring samples.
+        reach: height of the opposite sheet in spacings; to the side it is less than one spacing away.
+        n_neighbors: how many neighbors are looked at.
+    """
+    index = nearest_neighbors(torch.from_numpy(points), min(n_neighbors, len(points) - 1)).numpy()
+    opposite = (normals[index] * normals[:, None]).sum(2) < -0.5
+    way = points[index] - points[:, None]
+    height = (way * normals[:, None]).sum(2)
+    side = (way * way).sum(2) - height**2
+    return float((opposite & (np.abs(height) < reach * spacing) & (side < spacing**2)).any(1).mean())

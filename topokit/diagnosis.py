@@ -1,0 +1,171 @@
+"""From evidence to report: what the witnesses said, put together for one shape."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from topokit.core.boundary import BoundaryCurve, euler_of_boundary
+from topokit.core.components import SurfaceComponent
+from topokit.core.curvature import Curvature
+from topokit.core.gauss_bonnet import euler_by_component
+from topokit.core.mesh_topology import mesh_topology
+from topokit.core.neighbors import neighbor_components
+from topokit.core.witness import Witness
+from topokit.report import (
+    Evidence,
+    ExactAnswer,
+    TopologyReport,
+    Verdict,
+    betti_numbers,
+    count_cavities,
+    sum_genus,
+)
+
+_CROWDED = 0.05  # share of samples beside another sheet from which curves along thin rims are not taken for a boundary
+_OPEN_LENGTH = 60  # spacings of boundary from which the boundary's own sum is believed before a solid's
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What was measured on the samples of one shape.
+
+    Attributes:
+        local: curvatures of the samples as they are.
+        curves: boundary curves.
+        estimate: χ⁽⁰⁾ with the boundary's term.
+        refined: χ⁽ᴷ⁾ with the boundary's term, or None.
+        witness: the global witness, or None where it refused; then `refusal` says why.
+        refusal: its sentence, or "".
+        evidence: for the report.
+    """
+
+    local: Curvature
+    curves: tuple[BoundaryCurve, ...]
+    estimate: float
+    refined: float | None
+    witness: Witness | None
+    refusal: str
+    evidence: tuple[Evidence, ...]
+
+
+def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured: Measured) -> TopologyReport:
+    """The report of a shape that carries a combinatorial answer."""
+    closed, components = exact.closed, exact.components
+    return TopologyReport(
+        name=name,
+        euler=exact.evidence.integer,
+        genus=sum_genus(components),
+        components=len(components),
+        cavities=count_cavities(components) if closed else None,
+        betti=betti_numbers(components, closed),
+        boundary_loops=exact.boundary_loops,
+        closed=closed,
+        verdict=exact.verdict,
+        reasons=notes + exact.reasons,
+        evidence=(exact.evidence, *measured.evidence),
+        estimate=measured.estimate,
+        refined=measured.refined,
+        resolution=None,
+        per_component=components,
+    )
+
+
+def sampled_report(name: str, notes: tuple[str, ...], points: Tensor, measured: Measured) -> TopologyReport:
+    """The report of a shape that is known by its samples alone."""
+    witness, local, curves = measured.witness, measured.local, measured.curves
+    spacing = float(local.area.mean().sqrt())
+    closed = witness is not None and not curves
+    components = cloud_components(points, local)
+    verdict: Verdict = "unsure"
+    reasons: tuple[str, ...]
+    integer: int | None
+    genus, cavities = None, None
+    if witness is None:
+        integer = round(measured.estimate)
+        reasons = (f"No solid can be found from these points: {measured.refusal}",)
+    elif closed:
+        integer, verdict = witness.euler, witness.verdict
+        surfaces = solid_components(points, witness)
+        n_surfaces = witness.components + witness.cavities
+        genus = (2 * n_surfaces - integer) // 2
+        if genus < 0:
+            genus, verdict = None, "unsure"
+        components = surfaces or components
+        cavities = witness.cavities
+        reasons = witness.reasons
+    else:
+        crowded = witness.numbers["crowded"] > _CROWDED
+        is_sheet = not crowded and sum(curve.length for curve in curves) > _OPEN_LENGTH * spacing
+        integer = round(measured.estimate) if is_sheet else witness.euler
+        reasons = ()
+    if curves:
+        reasons = (_where_open(points, local, curves, spacing), *reasons)
+    n_components = len(components) if witness is None or not closed else witness.components + witness.cavities
+    return TopologyReport(
+        name=name,
+        euler=integer,
+        genus=genus,
+        components=n_components,
+        cavities=cavities,
+        betti=(n_components, 2 * genus, n_components) if genus is not None else None,
+        boundary_loops=0 if closed else len(curves) or None,
+        closed=closed,
+        verdict=verdict,
+        reasons=(*notes, _curvature_sentence(measured, len(points)), *reasons),
+        evidence=measured.evidence,
+        estimate=measured.estimate,
+        refined=measured.refined,
+        resolution=witness.resolution if witness is not None else 3 * spacing,
+        per_component=components,
+    )
+
+
+def cloud_components(points: Tensor, local: Curvature) -> tuple[SurfaceComponent, ...]:
+    """Components of the neighbour graph with their estimates, largest area first."""
+    labels = neighbor_components(local.neighbors)
+    estimates = euler_by_component(local.gaussian, local.area, labels)
+    areas = torch.zeros_like(estimates).index_add(0, labels, local.area)
+    shares = (areas / areas.sum().clamp(min=torch.finfo(areas.dtype).tiny)).tolist()
+    rows = labels[:, None].expand_as(points)
+    corners = points.new_zeros(len(estimates), 3)
+    low = corners.scatter_reduce(0, rows, points, "amin", include_self=False).tolist()
+    high = corners.scatter_reduce(0, rows, points, "amax", include_self=False).tolist()
+    found = [
+        SurfaceComponent(None, None, None, (tuple(low[i]), tuple(high[i])), shares[i], estimate=estimate)
+        for i, estimate in enumerate(estimates.tolist())
+    ]
+    return tuple(sorted(found, key=lambda component: -component.area_share))
+
+
+def solid_components(points: Tensor, witness: Witness) -> tuple[SurfaceComponent, ...]:
+    """Components of the surface that the first cut implies, counted like a mesh; empty if that is not the answer."""
+    if len(witness.faces) == 0:
+        return ()
+    vertices: NDArray[np.float64] = points.detach().cpu().double().numpy()
+    topology = mesh_topology(vertices, witness.faces)
+    same = topology.is_closed and topology.euler == witness.euler
+    same = same and len(topology.components) == witness.components + witness.cavities
+    return tuple(replace(component, boundary_loops=0) for component in topology.components) if same else ()
+
+
+def _curvature_sentence(measured: Measured, n_points: int) -> str:
+    boundary = euler_of_boundary(measured.curves)
+    share = f", {boundary:.2f} of it from the boundary's turning" if measured.curves else ""
+    return f"Curvature over {n_points} samples sums to χ ≈ {measured.estimate:.2f}{share}."
+
+
+def _where_open(points: Tensor, local: Curvature, curves: tuple[BoundaryCurve, ...], spacing: float) -> str:
+    index = torch.cat([curve.index for curve in curves]).to(points.device)
+    low, high = (", ".join(f"{value:.4g}" for value in corner.tolist()) for corner in points[index].aminmax(dim=0))
+    length = sum(curve.length for curve in curves)
+    band = min(1.0, length * spacing / float(local.area.sum()))
+    many = "curve" if len(curves) == 1 else "curves"
+    return (
+        f"The surface is not closed: its boundary runs along {len(curves)} {many} of length {length:.4g} in all, "
+        f"between ({low}) and ({high}); {band:.1%} of the area lies within a sample spacing of it."
+    )

@@ -35,7 +35,7 @@ def test_report_answers_every_file_it_can(files: Path) -> None:
     found = run("report", files / "broken.ply", files / "double.obj", files / "nowhere.obj", files / "cloud.xyz")
     assert found.returncode == 1
     assert "double.obj: Euler characteristic -2 (certain), genus 2, 1 component, closed" in found.stdout
-    assert "cloud.xyz: Euler characteristic 2 (unsure)" in found.stdout
+    assert "cloud.xyz: Euler characteristic 2 (likely)" in found.stdout
     assert "broken.ply" in found.stderr
     assert "nowhere.obj does not exist" in found.stderr
     assert "Traceback" not in found.stderr
@@ -58,7 +58,7 @@ def test_euler_and_genus_print_lines_for_machines(files: Path) -> None:
     assert found.stderr == ""
     found = run("genus", files / "cloud.xyz", files / "broken.ply", files / "double.obj")
     assert found.returncode == 1
-    assert found.stdout.splitlines() == [f"0\tunsure\t{files / 'cloud.xyz'}", f"2\tcertain\t{files / 'double.obj'}"]
+    assert found.stdout.splitlines() == [f"0\tlikely\t{files / 'cloud.xyz'}", f"2\tcertain\t{files / 'double.obj'}"]
 
 
 def test_curvature_writes_a_coloured_mesh(files: Path, tmp_path: Path) -> None:

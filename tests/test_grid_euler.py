@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,18 +28,18 @@ volumes = arrays(bool, array_shapes(min_dims=3, max_dims=3, max_side=6))
 ties = arrays(np.int8, array_shapes(min_dims=3, max_dims=3, max_side=5), elements=st.integers(-3, 3))
 
 
-def skimage_euler(mask, connectivity):
+def skimage_euler(mask: Any, connectivity: int) -> int:
     return euler_number(np.asarray(mask), {6: 1, 26: 3}[connectivity])
 
 
-def gudhi_complex(field, connectivity):
+def gudhi_complex(field: Any, connectivity: int) -> Any:
     """gudhi filters by sublevels: vertices carry the values for 6, top-dimensional cells for 26."""
     gudhi = pytest.importorskip("gudhi")
     values = -np.asarray(field, dtype=float)
     return gudhi.CubicalComplex(**{{6: "vertices", 26: "top_dimensional_cells"}[connectivity]: values})
 
 
-def gudhi_betti(field, level, connectivity):
+def gudhi_betti(field: Any, level: float, connectivity: int) -> list[int]:
     complex_ = gudhi_complex(field, connectivity)
     complex_.compute_persistence(min_persistence=-1.0)
     betti = [0, 0, 0]
@@ -47,7 +49,7 @@ def gudhi_betti(field, level, connectivity):
     return betti
 
 
-def smoothed_by_cells(field, tau, connectivity):
+def smoothed_by_cells(field: torch.Tensor, tau: float, connectivity: int) -> torch.Tensor:
     """The definition: eight shifted extremes, each through a sigmoid."""
     if connectivity == 26:
         field = torch.nn.functional.pad(field, (1,) * 6, value=-torch.inf)
@@ -63,32 +65,32 @@ def smoothed_by_cells(field, tau, connectivity):
     return 2 * total
 
 
-def ball(n, radius, centre=None):
+def ball(n: int, radius: float, center: tuple[float, float, float] | None = None) -> torch.Tensor:
     axes = torch.meshgrid(*[torch.arange(n, dtype=torch.float64)] * 3, indexing="ij")
-    centre = centre or ((n - 1) / 2,) * 3
-    return radius - sum((a - c) ** 2 for a, c in zip(axes, centre, strict=True)).sqrt()
+    center = center or ((n - 1) / 2,) * 3
+    return radius - sum((a - c) ** 2 for a, c in zip(axes, center, strict=True)).sqrt()
 
 
-def torus(n=32, major=9.0, minor=4.0):
+def torus(n: int = 32, major: float = 9.0, minor: float | torch.Tensor = 4.0) -> torch.Tensor:
     x, y, z = (a - (n - 1) / 2 for a in torch.meshgrid(*[torch.arange(n, dtype=torch.float64)] * 3, indexing="ij"))
     return minor - ((torch.hypot(x, y) - major) ** 2 + z**2).sqrt()
 
 
 @given(volumes, connectivities)
 @settings(max_examples=100, deadline=None)
-def test_solid_euler_equals_skimage(mask, connectivity):
+def test_solid_euler_equals_skimage(mask: np.ndarray, connectivity: int) -> None:
     assert solid_euler(mask, connectivity=connectivity) == skimage_euler(mask, connectivity)
 
 
 @given(volumes, connectivities)
 @settings(max_examples=60, deadline=None)
-def test_betti_numbers_equal_gudhi(mask, connectivity):
+def test_betti_numbers_equal_gudhi(mask: np.ndarray, connectivity: int) -> None:
     assert betti_numbers(mask, 0.5, connectivity).tolist() == gudhi_betti(mask, 0.5, connectivity)
 
 
 @given(ties, connectivities, st.integers(-4, 3))
 @settings(max_examples=60, deadline=None)
-def test_grey_levels_equal_gudhi(field, connectivity, level):
+def test_grey_levels_equal_gudhi(field: np.ndarray, connectivity: int, level: int) -> None:
     betti = gudhi_betti(field, level + 0.5, connectivity)
     assert betti_numbers(field, level, connectivity).tolist() == betti
     assert solid_euler(field, level, connectivity) == betti[0] - betti[1] + betti[2]
@@ -96,13 +98,13 @@ def test_grey_levels_equal_gudhi(field, connectivity, level):
 
 @given(volumes)
 @settings(max_examples=60, deadline=None)
-def test_duality(mask):
+def test_duality(mask: np.ndarray) -> None:
     assert solid_euler(mask, connectivity=26) == solid_euler(~np.pad(mask, 1), connectivity=6) - 1
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
 @pytest.mark.parametrize("shape", [(300, 5, 4), (40, 33, 21), (1, 1, 1), (1, 9, 2)])
-def test_slabs_do_not_show(monkeypatch, shape, connectivity):
+def test_slabs_do_not_show(monkeypatch: pytest.MonkeyPatch, shape: tuple[int, ...], connectivity: int) -> None:
     torch.manual_seed(0)
     mask = torch.rand(shape) < 0.5
     monkeypatch.setattr(grid_euler, "_SLAB", 1 << 40)
@@ -113,7 +115,7 @@ def test_slabs_do_not_show(monkeypatch, shape, connectivity):
     assert solid_euler(mask, connectivity=connectivity) == skimage_euler(mask, connectivity)
 
 
-def test_more_than_255_layers_of_ones():
+def test_more_than_255_layers_of_ones() -> None:
     assert solid_euler(torch.ones(700, 3, 3, dtype=torch.uint8)) == 1
 
 
@@ -123,7 +125,7 @@ def test_more_than_255_layers_of_ones():
     "dtype",
     ["bool", "uint8", "int8", "uint16", "int16", "uint32", "int64", "float16", "bfloat16", "float32", "float64"],
 )
-def test_dtypes_devices_batches_and_layouts(dtype, device, connectivity):
+def test_dtypes_devices_batches_and_layouts(dtype: str, device: str, connectivity: int) -> None:
     torch.manual_seed(1)
     grey = torch.randint(0, 4, (2, 3, 9, 8, 7))
     level = 0 if dtype == "bool" else 1.5
@@ -142,7 +144,7 @@ def test_dtypes_devices_batches_and_layouts(dtype, device, connectivity):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_no_step_needs_the_values_on_the_host(connectivity):
+def test_no_step_needs_the_values_on_the_host(connectivity: int) -> None:
     field = torch.randn(2, 30, 30, 30, device="meta")
     assert solid_euler(field, 0.0, connectivity).shape == (2,)
     assert smoothed_euler(field, 0.1, 0.0, connectivity).shape == (2,)
@@ -150,7 +152,7 @@ def test_no_step_needs_the_values_on_the_host(connectivity):
 
 @given(ties, connectivities)
 @settings(max_examples=60, deadline=None)
-def test_index_counts_every_level(field, connectivity):
+def test_index_counts_every_level(field: np.ndarray, connectivity: int) -> None:
     index = critical_index(field, connectivity).long()
     for level in range(-4, 4):
         assert (index * (torch.as_tensor(field) > level)).sum() == skimage_euler(field > level, connectivity)
@@ -158,7 +160,7 @@ def test_index_counts_every_level(field, connectivity):
 
 @given(ties)
 @settings(max_examples=60, deadline=None)
-def test_ties_are_broken_by_position(field):
+def test_ties_are_broken_by_position(field: np.ndarray) -> None:
     voxels = np.arange(field.size)
     for connectivity, position in ((6, voxels), (26, -voxels)):
         order = np.lexsort((position, field.ravel()))
@@ -169,20 +171,20 @@ def test_ties_are_broken_by_position(field):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_index_of_smooth_fields(connectivity):
+def test_index_of_smooth_fields(connectivity: int) -> None:
     assert critical_index(ball(16, 5.0, (7.1, 7.2, 7.3)), connectivity).count_nonzero() == 1
     assert critical_index(torch.zeros(9, 8, 7), connectivity).count_nonzero() == 1
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_nan_and_infinity(connectivity):
+def test_nan_and_infinity(connectivity: int) -> None:
     field = torch.tensor([1.0, torch.nan, torch.inf, -torch.inf]).reshape(4, 1, 1)
     assert solid_euler(field, 0.0, connectivity) == 2
 
 
 @pytest.mark.parametrize("shape", [(0, 3, 3), (3, 0, 3), (3, 3, 0), (0, 3, 3, 3), (2, 3, 0, 3)])
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_empty_grids(shape, connectivity):
+def test_empty_grids(shape: tuple[int, ...], connectivity: int) -> None:
     field = torch.zeros(shape)
     assert not solid_euler(field, 0.0, connectivity).any()
     assert not betti_numbers(field, 0.0, connectivity).any()
@@ -203,19 +205,19 @@ def test_empty_grids(shape, connectivity):
         lambda: smoothed_euler(torch.zeros(3, 3), tau=1.0),
     ],
 )
-def test_unusable_input_is_refused(call):
+def test_unusable_input_is_refused(call: Callable[[], object]) -> None:
     with pytest.raises(InputError, match=r"shape|connectivity|tau"):
         call()
 
 
-def test_smoothed_needs_floats():
+def test_smoothed_needs_floats() -> None:
     for field in (torch.zeros(3, 3, 3, dtype=torch.uint8), np.zeros((3, 3, 3))):
         with pytest.raises(InputError, match="floating-point"):
             smoothed_euler(field, 1.0)
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_known_solids(connectivity):
+def test_known_solids(connectivity: int) -> None:
     hollow = torch.minimum(ball(24, 9.0), -ball(24, 5.0))
     assert betti_numbers(torus(), 0.0, connectivity).tolist() == [1, 1, 0]
     assert betti_numbers(hollow, 0.0, connectivity).tolist() == [1, 0, 1]
@@ -223,7 +225,7 @@ def test_known_solids(connectivity):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_nesting(connectivity):
+def test_nesting(connectivity: int) -> None:
     n, radii = 48, (20.0, 16.0, 12.0, 8.0)
     shells = torch.minimum(ball(n, radii[0]), -ball(n, radii[1]))
     shells = torch.maximum(shells, torch.minimum(ball(n, radii[2]), -ball(n, radii[3])))
@@ -243,7 +245,7 @@ def test_nesting(connectivity):
     assert outer.box == ((4, 44),) * 3
 
 
-def test_linked_rings_are_not_nested():
+def test_linked_rings_are_not_nested() -> None:
     a = torus(40, 9.0, 2.5)
     table = grid_components(torch.maximum(a.roll(-5, 0), a.transpose(1, 2).roll(5, 0)))[1]
     assert [(c.euler, c.tunnels, c.inside) for c in table] == [(0, 1, None), (0, 1, None)]
@@ -251,7 +253,7 @@ def test_linked_rings_are_not_nested():
 
 @given(volumes, connectivities)
 @settings(max_examples=60, deadline=None)
-def test_components_add_up(mask, connectivity):
+def test_components_add_up(mask: np.ndarray, connectivity: int) -> None:
     labels, table = grid_components(mask, 0, connectivity)
     assert 2 * solid_euler(mask, 0, connectivity) == sum(c.euler for c in table)
     assert betti_numbers(mask, 0, connectivity).tolist() == [
@@ -273,7 +275,7 @@ def test_components_add_up(mask, connectivity):
         assert c.inside == (innermost.label if innermost else None)
 
 
-def _encloses(outer, inner, connectivity):
+def _encloses(outer: torch.Tensor, inner: torch.Tensor, connectivity: int) -> bool:
     """Whether `inner` lies in a cavity of `outer`: filling the holes of `outer` covers it."""
     padded = np.pad(outer.numpy(), 1)
     filled = binary_fill_holes(padded, generate_binary_structure(3, 1 if connectivity == 26 else 3))[1:-1, 1:-1, 1:-1]
@@ -282,7 +284,7 @@ def _encloses(outer, inner, connectivity):
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
 @pytest.mark.parametrize("tau", [1e-6, 1e-2, 0.3, 2.0, 1e3])
-def test_smoothed_is_its_definition_and_the_mean_over_levels(tau, connectivity):
+def test_smoothed_is_its_definition_and_the_mean_over_levels(tau: float, connectivity: int) -> None:
     torch.manual_seed(2)
     field = torch.randn(6, 7, 5, dtype=torch.float64)
     value = smoothed_euler(field, tau, 0.0, connectivity)
@@ -302,7 +304,7 @@ def test_smoothed_is_its_definition_and_the_mean_over_levels(tau, connectivity):
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
 @pytest.mark.parametrize("device", DEVICES)
-def test_small_tau_gives_the_integer(dtype, connectivity, device):
+def test_small_tau_gives_the_integer(dtype: torch.dtype, connectivity: int, device: str) -> None:
     torch.manual_seed(3)
     field = torch.randn(2, 20, 19, 18).to(dtype)
     field = torch.where(field.abs() < 1e-2, torch.ones((), dtype=dtype), field).to(device)
@@ -313,7 +315,7 @@ def test_small_tau_gives_the_integer(dtype, connectivity, device):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_gradcheck(connectivity):
+def test_gradcheck(connectivity: int) -> None:
     torch.manual_seed(4)
     field = torch.randn(2, 4, 5, 3, dtype=torch.float64, requires_grad=True)
     tau = torch.tensor([0.3, 0.7], dtype=torch.float64, requires_grad=True)
@@ -323,7 +325,7 @@ def test_gradcheck(connectivity):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_gradient_is_that_of_the_definition(monkeypatch, connectivity):
+def test_gradient_is_that_of_the_definition(monkeypatch: pytest.MonkeyPatch, connectivity: int) -> None:
     torch.manual_seed(5)
     field = torch.randn(37, 8, 9, dtype=torch.float64, requires_grad=True)
     monkeypatch.setattr(grid_euler, "_SLAB", 1)
@@ -333,7 +335,7 @@ def test_gradient_is_that_of_the_definition(monkeypatch, connectivity):
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_a_batch_equals_its_items(connectivity):
+def test_a_batch_equals_its_items(connectivity: int) -> None:
     torch.manual_seed(6)
     field = torch.randn(2, 3, 8, 7, 6, dtype=torch.float64, requires_grad=True)
     batch = smoothed_euler(field, 0.2, 0.0, connectivity)
@@ -365,7 +367,7 @@ INFINITE = torch.tensor([torch.inf, -torch.inf, 0.0, 1.0])
     ],
     ids=["constant", "large", "inf", "-inf", "one-voxel", "line", "mixed-inf", "ties"],
 )
-def test_never_nan(field, dtype, tau, connectivity):
+def test_never_nan(field: torch.Tensor, dtype: torch.dtype, tau: float, connectivity: int) -> None:
     field = field.clone().to(dtype).requires_grad_()
     value = smoothed_euler(field, tau, 0.0, connectivity)
     value.backward()
@@ -375,7 +377,7 @@ def test_never_nan(field, dtype, tau, connectivity):
     assert dtype == torch.float16 or field.grad.isfinite().all()
 
 
-def test_constant_field_moves_one_voxel():
+def test_constant_field_moves_one_voxel() -> None:
     field = torch.zeros(4, 5, 6, dtype=torch.float64, requires_grad=True)
     smoothed_euler(field, 1.0).backward()
     assert field.grad.count_nonzero() == 1
@@ -384,7 +386,7 @@ def test_constant_field_moves_one_voxel():
 
 @pytest.mark.parametrize("backend", ["aot_eager", "inductor"])
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_compiles_without_graph_breaks(connectivity, backend):
+def test_compiles_without_graph_breaks(connectivity: int, backend: str) -> None:
     torch.manual_seed(7)
     compiled = torch.compile(smoothed_euler, fullgraph=True, backend=backend)
     field = torch.randn(2, 9, 8, 7, requires_grad=True)
@@ -394,7 +396,7 @@ def test_compiles_without_graph_breaks(connectivity, backend):
     torch.testing.assert_close(torch.autograd.grad(value.sum(), field), torch.autograd.grad(eager.sum(), field))
 
 
-def test_descent_closes_the_hole_of_a_torus():
+def test_descent_closes_the_hole_of_a_torus() -> None:
     radius = torch.tensor(3.0, dtype=torch.float64, requires_grad=True)
     optimizer = torch.optim.Adam([radius], lr=0.1)
     assert betti_numbers(torus(32, 6.0, radius.item())).tolist() == [1, 1, 0]

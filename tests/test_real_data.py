@@ -38,8 +38,8 @@ def test_broken_meshes_are_never_wrongly_certain(real_data: Path) -> None:
             assert any("open" in reason for reason in report.reasons)
 
 
-def test_scans_are_read_or_refused_clearly(real_data: Path) -> None:
+def test_scans_are_never_wrongly_likely(real_data: Path) -> None:
     for row in rows(real_data, "points"):
         report = tk.load(real_data / row["path"]).report()
-        assert report.verdict == "unsure", row["name"]
+        assert report.verdict == "unsure" or report.euler == row.get("chi"), row["name"]
         assert report.estimate is not None

@@ -20,6 +20,7 @@ from topokit.errors import InputError
 
 Variable = Literal["normals", "points", "areas"]
 Step = Literal["polyak", "gradient"]
+_TRIALS = 6  # lengths tried along one Polyak step
 _LARGEST_TURN = 0.3  # radians (or spacings, or parts of an area) that one step may change a typical sample by
 
 
@@ -116,7 +117,10 @@ def self_optimize(
     best = (float((value - goal).abs().max()), samples)
     while best[0] >= tolerance and len(history) <= max_steps:
         direction = _direction(samples, over, unit, goal, neighbors, solver, step, learning_rate)
-        samples, value = _line_search(samples, direction, history[-1] - goal, unit, goal, neighbors, solver, tolerance)
+        trials = _TRIALS if step == "polyak" else 1
+        samples, value = _line_search(
+            samples, direction, history[-1] - goal, unit, goal, neighbors, solver, tolerance, trials
+        )
         history.append(value)
         best = min(best, (float((value - goal).abs().max()), samples), key=lambda pair: pair[0])
     off, samples = best
@@ -217,7 +221,7 @@ def _line_search(
     neighbors: Tensor,
     solver: Solver,
     tolerance: float,
-    trials: int = 6,
+    trials: int,
 ) -> tuple[SurfaceSamples, Tensor]:
     """The step, its length corrected by secants where the sum did not follow its derivative; the best trial counts."""
     length, before, was = torch.ones_like(goal), torch.zeros_like(goal), error

@@ -129,7 +129,7 @@ def _choose(
 ) -> GaussianSplats:
     """The splats of the clusters asked for; clusters are numbered by weight, largest first."""
     labels = _clusters(splats)
-    shares = np.bincount(labels, disc_weights(splats).cpu().numpy())
+    shares = np.bincount(labels, disc_weights(splats).cpu().numpy()).astype(np.float64)
     order = np.argsort(-shares, kind="stable")
     isolated = shares < (0 if min_cluster is None else min_cluster)
     isolated[order[0]] = False

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topokit.adapters.splats.table import CONVERTER, Floats, SplatTable, require_bytes
 from topokit.errors import ReadError
@@ -18,7 +17,7 @@ _SH_BYTES = (4, 2, 1)  # by level
 
 
 class _Section(NamedTuple):
-    count: int
+    n_splats: int
     capacity: int
     bucket_size: int
     n_buckets: int
@@ -44,7 +43,7 @@ def read_ksplat(path: Path) -> SplatTable:
     """
     size = path.stat().st_size
     require_bytes(path, "a .ksplat header", _HEADER, size)
-    content = np.memmap(path, dtype=np.uint8, mode="r")
+    content = path.read_bytes()
     major, minor, n_sections, count, level = struct.unpack_from("<BB2xI8xIH", content)
     if major != 0 or minor < 1 or level > 2:
         raise ReadError(
@@ -73,20 +72,18 @@ def starts_ksplat(beginning: bytes) -> bool:
     )
 
 
-def _read_section(
-    path: Path, content: NDArray[np.uint8], section: _Section, level: int, at: int
-) -> tuple[SplatTable, int]:
+def _read_section(path: Path, content: bytes, section: _Section, level: int, at: int) -> tuple[SplatTable, int]:
     """Splats of the section whose data begin at byte `at`, and where the next section's begin."""
-    if section.sh_degree >= len(_SH_VALUES) or section.count > section.capacity:
+    if section.sh_degree >= len(_SH_VALUES) or section.n_splats > section.capacity:
         raise ReadError(
-            f"{path}: a section gives {section.count} splats of {section.capacity} and harmonics of degree "
+            f"{path}: a section gives {section.n_splats} splats of {section.capacity} and harmonics of degree "
             f"{section.sh_degree}; the file is damaged."
         )
     row = _row(level, section.sh_degree)
     buckets = 4 * section.n_partial + section.bucket_bytes * section.n_buckets
     end = at + buckets + row.itemsize * section.capacity
     require_bytes(path, f"a section of {section.capacity} splats", end, len(content))
-    rows = np.frombuffer(content, dtype=row, count=section.count, offset=at + buckets)
+    rows = np.frombuffer(content, dtype=row, count=section.n_splats, offset=at + buckets)
     means = rows["mean"].astype(np.float32)
     if level > 0:
         means = _in_buckets(path, section, means, content[at : at + buckets])
@@ -104,18 +101,21 @@ def _row(level: int, sh_degree: int) -> np.dtype[np.void]:
     return np.dtype([*fields, ("harmonics", "u1", harmonics)])
 
 
-def _in_buckets(path: Path, section: _Section, steps: Floats, buckets: NDArray[np.uint8]) -> Floats:
+def _in_buckets(path: Path, section: _Section, steps: Floats, buckets: bytes) -> Floats:
     """Positions from 16-bit steps around the centre of each splat's bucket."""
     sizes = np.frombuffer(buckets, dtype="<u4", count=section.n_partial)
     if section.bucket_bytes < 12 or section.n_full + section.n_partial > section.n_buckets:
         raise ReadError(f"{path}: the buckets of a section do not add up; the file is damaged.")
     in_full = section.n_full * section.bucket_size
-    splat = np.arange(section.count, dtype=np.int64)
+    splat = np.arange(section.n_splats, dtype=np.int64)
     partial = np.searchsorted(in_full + np.cumsum(sizes, dtype=np.int64), splat, side="right")
     bucket = np.where(splat < in_full, splat // max(1, section.bucket_size), section.n_full + partial)
     if bucket.max(initial=0) >= section.n_full + section.n_partial:
-        raise ReadError(f"{path}: {section.count} splats do not fit into their section's buckets; the file is damaged.")
-    centers = buckets[4 * section.n_partial :].reshape(section.n_buckets, section.bucket_bytes)[:, :12]
-    centers = np.ascontiguousarray(centers).view("<f4")
+        raise ReadError(
+            f"{path}: {section.n_splats} splats do not fit into their section's buckets; the file is damaged."
+        )
+    padding = ("padding", "u1", section.bucket_bytes - 12)
+    centers = np.frombuffer(buckets, dtype=[("center", "<f4", 3), padding], offset=4 * section.n_partial)["center"]
     half = section.scale_range or 32767
-    return (steps - half) * np.float32(section.block_size / 2 / half) + centers[bucket]
+    means: Floats = (steps - half) * np.float32(section.block_size / 2 / half) + centers[bucket]
+    return means

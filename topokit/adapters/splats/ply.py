@@ -81,7 +81,7 @@ def _blocks(header: PlyHeader, vertex: PlyElement, path: Path) -> Iterator[NDArr
         file.seek(header.offset("vertex", path))
         for start in range(0, vertex.count, n_rows):
             rows = buffer[: vertex.count - start]
-            if file.readinto(memoryview(rows).cast("B")) != rows.nbytes:
+            if file.readinto(rows.view(np.uint8).data) != rows.nbytes:
                 raise ReadError(f"{path} ended while it was read: it is truncated or being written.")
             yield rows
 
@@ -95,4 +95,7 @@ def _text(header: PlyHeader, vertex: PlyElement, path: Path) -> NDArray[np.void]
     names = vertex.row.names or ()
     if table.shape != (vertex.count, len(names)):
         raise ReadError(f"{path} holds {table.shape} numbers; {(vertex.count, len(names))} were announced.")
-    return np.rec.fromarrays(list(table.T), names=list(names))
+    rows = np.empty(len(table), dtype=[(name, np.float64) for name in names])
+    for column, name in enumerate(names):
+        rows[name] = table[:, column]
+    return rows

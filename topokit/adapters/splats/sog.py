@@ -103,7 +103,8 @@ def _means(meta: dict[str, Any], low: Pixels, high: Pixels) -> Floats:
     ends = np.array([meta["mins"], meta["maxs"]], dtype=np.float64).reshape(2, 3)
     share = (low[:, :3].astype(np.float64) + 256 * high[:, :3].astype(np.float64)) / 65535
     value = ends[0] + (ends[1] - ends[0]) * share
-    return (np.sign(value) * np.expm1(np.abs(value))).astype(np.float32)
+    means: Floats = (np.sign(value) * np.expm1(np.abs(value))).astype(np.float32)
+    return means
 
 
 def _image(path: Path, content: bytes, count: int) -> Pixels:

@@ -30,9 +30,9 @@ _HAS_EXTENSIONS = 2
 _STEP = 1 << 20
 
 
-class _Header(NamedTuple):
+class _Layout(NamedTuple):
     version: int
-    count: int
+    n_splats: int
     sh_degree: int
     fractional_bits: int
 
@@ -40,7 +40,7 @@ class _Header(NamedTuple):
         """Bytes of positions, alphas, colours, scales, rotations, harmonics."""
         position = 6 if self.version == 1 else 9
         rotation = 4 if self.version >= 3 else 3
-        return tuple(self.count * each for each in (position, 1, 3, 3, rotation, _SH_BYTES[self.sh_degree]))
+        return tuple(self.n_splats * each for each in (position, 1, 3, 3, rotation, _SH_BYTES[self.sh_degree]))
 
 
 def read_spz(path: Path) -> SplatTable:
@@ -59,7 +59,7 @@ def read_spz(path: Path) -> SplatTable:
     if content.startswith(_MAGIC):
         header = _header(path, content)
         needed = _HEADER.size + sum(header.sizes())
-        require_bytes(path, f"{header.count} splats", needed, len(content))
+        require_bytes(path, f"{header.n_splats} splats", needed, len(content))
         return _decode(header, _cut(content[_HEADER.size : needed], header))
     return _from_gzip(path, content)
 
@@ -78,7 +78,7 @@ def _version(content: bytes) -> int:
     return int.from_bytes(content[4:8], "little")
 
 
-def _header(path: Path, content: bytes) -> _Header:
+def _header(path: Path, content: bytes) -> _Layout:
     if len(content) < _HEADER.size or not content.startswith(_MAGIC):
         raise ReadError(f"{path} is no .spz file: it does not begin with an NGSP header of {_HEADER.size} bytes.")
     _, version, count, degree, bits, _, _ = _HEADER.unpack_from(content)
@@ -89,7 +89,7 @@ def _header(path: Path, content: bytes) -> _Header:
             f"{path}: the .spz header gives {count} splats, harmonics of degree {degree} and {bits} fractional bits; "
             "expected at least 1, at most 4 and at most 23. The file is damaged."
         )
-    return _Header(version, count, degree, bits)
+    return _Layout(version, count, degree, bits)
 
 
 def _from_gzip(path: Path, content: bytes) -> SplatTable:
@@ -99,7 +99,7 @@ def _from_gzip(path: Path, content: bytes) -> SplatTable:
     require_expansion(path, sum(sizes), len(content))
     wanted = sum(sizes[:-1])
     body = unzip.decompress(unzip.unconsumed_tail, wanted)
-    require_bytes(path, f"{header.count} splats", wanted, len(body))
+    require_bytes(path, f"{header.n_splats} splats", wanted, len(body))
     _drain(path, unzip, sizes[-1])
     return _decode(header, _cut(body, header))
 
@@ -130,7 +130,7 @@ def _from_streams(path: Path, content: bytes) -> SplatTable:
     starts = np.cumsum([0, *(packed for packed, _ in table)], dtype=np.uint64) + (at + n_streams * _ENTRY.size)
     require_bytes(path, "compressed streams", sum(packed for packed, _ in table), len(content) - int(starts[0]))
     if [unpacked for _, unpacked in table] != sizes:
-        raise ReadError(f"{path}: the sizes of its streams do not fit {header.count} splats; it is damaged.")
+        raise ReadError(f"{path}: the sizes of its streams do not fit {header.n_splats} splats; it is damaged.")
     require_expansion(path, sum(sizes), len(content))
     streams = [
         _unpack(path, content[int(start) : int(start) + packed], unpacked)
@@ -157,12 +157,12 @@ def _unpack(path: Path, packed: bytes, size: int) -> Bytes:
     return np.frombuffer(body, dtype=np.uint8)
 
 
-def _cut(body: bytes, header: _Header) -> list[Bytes]:
+def _cut(body: bytes, header: _Layout) -> list[Bytes]:
     ends = np.cumsum(header.sizes()[:-1])
     return np.split(np.frombuffer(body, dtype=np.uint8)[: ends[-1]], ends[:-1])
 
 
-def _decode(header: _Header, streams: list[Bytes]) -> SplatTable:
+def _decode(header: _Layout, streams: list[Bytes]) -> SplatTable:
     """Splats in the axes of 3DGS .ply (y down, z forward): .spz has them y up, z back, half a turn around x away."""
     positions, alphas, _, scales, rotations = streams
     quaternions = _smallest_three(rotations) if header.version >= 3 else _first_three(rotations)
@@ -174,7 +174,7 @@ def _decode(header: _Header, streams: list[Bytes]) -> SplatTable:
     )
 
 
-def _positions(header: _Header, packed: Bytes) -> Floats:
+def _positions(header: _Layout, packed: Bytes) -> Floats:
     if header.version == 1:
         return packed.view("<f2").reshape(-1, 3).astype(np.float32)
     low = packed.reshape(-1, 3, 3).astype(np.int32)

@@ -71,7 +71,8 @@ def require_expansion(path: Path, needed: int, file_size: int) -> None:
 
 def sigmoid(logits: Floats) -> Floats:
     """1 / (1 + e^−x)."""
-    return np.reciprocal(1 + np.exp(-logits))
+    result: Floats = np.reciprocal(1 + np.exp(-logits))
+    return result
 
 
 def with_largest(index: NDArray[np.integer], others: Floats) -> Floats:

@@ -149,7 +149,7 @@ def _choose(
     elsewhere = ~stray & ~np.isin(labels, chosen)
     if stray.any():
         notes.append(
-            f"{int(stray.sum())} of {len(splats)} splats lie in {int(isolated.sum())} isolated clusters of less than "
+            f"{int(stray.sum())} of {len(splats)} splats lie in isolated clusters ({int(isolated.sum())}) of less than "
             f"min_cluster={min_cluster:g} of the area each and were dropped."
         )
     if elsewhere.any():

@@ -20,8 +20,8 @@ from topokit.adapters.splats.table import (
     require_expansion,
     with_largest,
 )
-from topokit.errors import MissingDependencyError, ReadError
-from topokit.files import existing_file
+from topokit.errors import MissingDependencyError, ReadError, reading
+from topokit.files import existing_file, head
 
 Pixels = NDArray[np.uint8]
 _META = "meta.json"
@@ -41,9 +41,11 @@ def read_sog(path: Path) -> SplatTable:
         https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/
     """
     if not zipfile.is_zipfile(path):
-        return _decode(path, lambda name: _from_folder(path, name), path.stat().st_size * 1000)
+        if head(path, 2) == b"PK":
+            raise ReadError(f"{path} is a zip archive without its directory at the end: it is truncated.")
+        return _decode(path, lambda name: _from_folder(path, name))
     with zipfile.ZipFile(path) as archive:
-        return _decode(path, lambda name: _from_archive(path, archive, name), path.stat().st_size)
+        return _decode(path, lambda name: _from_archive(path, archive, name))
 
 
 def _from_folder(path: Path, name: str) -> bytes:
@@ -60,11 +62,15 @@ def _from_archive(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
         raise ReadError(f"{path} holds no {name}; it is not a .sog file or it is truncated.")
     if name == _META and entries[0].file_size > _LONGEST_META:
         raise ReadError(f"{path}: its {_META} has {entries[0].file_size} bytes; at most {_LONGEST_META} were expected.")
+    if entries[0].compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ReadError(
+            f"{path}: {name} is packed by method {entries[0].compress_type}; stored or deflated is expected."
+        )
     require_expansion(path, entries[0].file_size, path.stat().st_size)
     return archive.read(entries[0])
 
 
-def _decode(path: Path, fetch: Callable[[str], bytes], file_size: int) -> SplatTable:
+def _decode(path: Path, fetch: Callable[[str], bytes]) -> SplatTable:
     meta = json.loads(fetch(_META))
     version = meta.get("version") if isinstance(meta, dict) else None
     if version != 2:
@@ -74,7 +80,8 @@ def _decode(path: Path, fetch: Callable[[str], bytes], file_size: int) -> SplatT
         raise ReadError(f"{path}: its meta.json gives {count!r} splats; a positive number was expected.")
 
     def pixels(attribute: str, which: int = 0) -> Pixels:
-        return _image(path, fetch(_plain_name(path, meta[attribute]["files"][which])), count)
+        name = _plain_name(path, meta[attribute]["files"][which])
+        return _image(f"{name} of {path}", fetch(name), count)
 
     rotations = pixels("quats")
     kind = rotations[:, 3].astype(np.int64) - 252
@@ -107,26 +114,26 @@ def _means(meta: dict[str, Any], low: Pixels, high: Pixels) -> Floats:
     return means
 
 
-def _image(path: Path, content: bytes, count: int) -> Pixels:
+def _image(name: str, content: bytes, count: int) -> Pixels:
     """The first `count` pixels as (count, 4), sized by the image's own header before Pillow sees it."""
-    width, height = _webp_size(path, content)
+    width, height = _webp_size(name, content)
     if not count <= width * height <= _MOST_PIXELS:
-        raise ReadError(f"{path}: an image of {width} × {height} pixels does not fit {count} splats.")
-    require_expansion(path, 4 * width * height, len(content))
+        raise ReadError(f"{name} has {width} × {height} pixels, which do not fit {count} splats.")
+    require_expansion(name, 4 * width * height, len(content))
     try:
         from PIL import Image
     except ImportError as error:
         raise MissingDependencyError('Reading .sog needs Pillow: pip install "topokit[splats]".') from error
-    with Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
+    with reading(name, "Pillow"), Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
         return np.asarray(image.convert("RGBA")).reshape(-1, 4)[:count]
 
 
-def _webp_size(path: Path, content: bytes) -> tuple[int, int]:
+def _webp_size(name: str, content: bytes) -> tuple[int, int]:
     """Width and height of a lossless WebP file."""
-    require_bytes(path, "a WebP image", 30, len(content))
+    require_bytes(name, "a WebP image", 30, len(content))
     kind = content[12:16]
     if content[:4] != b"RIFF" or content[8:12] != b"WEBP" or kind not in (b"VP8L", b"VP8X"):
-        raise ReadError(f"{path}: an image is not a lossless WebP; the file is damaged or was converted on the way.")
+        raise ReadError(f"{name} is not a lossless WebP image: it is damaged or was converted on the way.")
     if kind == b"VP8X":
         return 1 + int.from_bytes(content[24:27], "little"), 1 + int.from_bytes(content[27:30], "little")
     bits = int.from_bytes(content[21:25], "little")

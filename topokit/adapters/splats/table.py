@@ -43,7 +43,7 @@ def empty_table(n_splats: int) -> SplatTable:
     )
 
 
-def require_bytes(path: Path, what: str, needed: int, available: int) -> None:
+def require_bytes(path: Path | str, what: str, needed: int, available: int) -> None:
     """Refuse a header that promises more than the file holds.
 
     Raises:
@@ -56,7 +56,7 @@ def require_bytes(path: Path, what: str, needed: int, available: int) -> None:
         )
 
 
-def require_expansion(path: Path, needed: int, file_size: int) -> None:
+def require_expansion(path: Path | str, needed: int, file_size: int) -> None:
     """Refuse a small compressed file that would unfold to an absurd amount of memory.
 
     Raises:

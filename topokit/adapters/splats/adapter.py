@@ -17,6 +17,8 @@ from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape
 
+_FEWEST_SAMPLES, _MOST_SAMPLES = 10_000, 50_000
+
 
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
@@ -26,7 +28,7 @@ def from_splats(
     max_size: float | None = 10.0,
     max_thickness: float | None = 0.5,
     min_cluster: float | None = 0.01,
-    n_samples: int = 20_000,
+    n_samples: int | None = None,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
 ) -> Shape:
@@ -47,7 +49,8 @@ def from_splats(
         max_thickness: splats whose smallest scale exceeds this share of the middle one are dropped: they have no
             normal to speak of. If that is most of the scene, all are kept and normals are estimated from the samples.
         min_cluster: clusters with less than this share of the area are dropped (floaters).
-        n_samples: points on the discs, spread by area times opacity.
+        n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
+            least 10 000 and at most 50 000.
         n_neighbors: k of the local half.
         generator: source of randomness (CPU); seed 0 if None.
 
@@ -71,10 +74,12 @@ def from_splats(
         2
     """
     _check_limits(min_opacity, max_size, max_thickness, min_cluster)
-    if n_samples <= n_neighbors:
+    if n_samples is not None and n_samples <= n_neighbors:
         raise InputError(f"n_samples is {n_samples}; it must be larger than n_neighbors, which is {n_neighbors}.")
     name, splats = _open(source)
     kept = clean(splats, Limits(min_opacity, max_size, max_thickness, min_cluster), component)
+    if n_samples is None:
+        n_samples = min(max(len(kept.splats), _FEWEST_SAMPLES), _MOST_SAMPLES)
     on_discs = sample_discs(kept.splats, n_samples, generator)
     samples = SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
     summary = f"{n_samples} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."

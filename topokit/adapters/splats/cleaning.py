@@ -138,7 +138,7 @@ def _choose(
         chosen = order
     elif component == "largest":
         chosen = order[:1]
-    elif isinstance(component, int) and 0 <= component < len(order):
+    elif isinstance(component, int) and not isinstance(component, bool) and 0 <= component < len(order):
         chosen = order[component : component + 1]
     else:
         raise InputError(

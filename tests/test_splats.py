@@ -105,7 +105,7 @@ def test_the_generator_decides_the_samples() -> None:
 def test_the_number_of_samples_follows_the_splats() -> None:
     splats = splats_of(torus_scene(12_000))
     assert tk.from_splats(splats).samples.n_points == 12_000
-    assert tk.from_splats(splats.select(torch.arange(900))).samples.n_points == 10_000
+    assert tk.from_splats(splats.select(torch.arange(900))).samples.n_points == 5_000
     assert tk.from_splats(splats, n_samples=333).samples.n_points == 333
 
 
@@ -160,7 +160,7 @@ def test_the_estimate_has_finite_gradients_everywhere() -> None:
 
 def test_a_clean_scene_loses_nothing() -> None:
     shape = tk.from_splats(splats_of(torus_scene(3000)))
-    assert shape.notes == ("10000 samples lie on the discs of 3000 of 3000 splats.",)
+    assert shape.notes == ("5000 samples lie on the discs of 3000 of 3000 splats.",)
 
 
 def test_everything_dropped_is_counted() -> None:

@@ -17,7 +17,7 @@ from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape
 
-_FEWEST_SAMPLES, _MOST_SAMPLES = 10_000, 50_000
+_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 50_000
 
 
 def from_splats(
@@ -50,7 +50,7 @@ def from_splats(
             normal to speak of. If that is most of the scene, all are kept and normals are estimated from the samples.
         min_cluster: clusters with less than this share of the area are dropped (floaters).
         n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
-            least 10 000 and at most 50 000.
+            least 5 000 and at most 50 000: several samples on one disc add coverage, but no curvature.
         n_neighbors: k of the local half.
         generator: source of randomness (CPU); seed 0 if None.
 

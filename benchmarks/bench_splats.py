@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 import topokit as tk
 
@@ -48,6 +49,7 @@ def seconds(work: Callable[[], object]) -> float:
 )
 def test_reading_a_million_splats(n_harmonics: int, is_limited: bool, tmp_path: Path) -> None:
     """The full layout of the 3DGS trainer is held to the limit; the bare one, a quarter of the bytes, is shown."""
+    torch.set_num_threads(1)  # numpy reads with one
     path = tmp_path / "million.ply"
     offset = write_million(path, n_harmonics)
     tk.GaussianSplats.from_file(path)

@@ -52,12 +52,12 @@ class GaussianSplats:
         shapes = {"means": (n_splats, 3), "scales": (n_splats, 3), "quaternions": (n_splats, 4)}
         for name, shape in {**shapes, "opacities": (n_splats,)}.items():
             _check(getattr(self, name), name, shape, self.means)
-        if bool((self.scales < 0).any()):
+        if _leaves(self.scales, 0, torch.inf):
             raise InputError(
                 f"{int((self.scales < 0).any(-1).sum())} of {n_splats} splats have a negative scale; "
                 "scales are standard deviations. If these are logarithms, as trainers keep them, call .exp() on them."
             )
-        if bool(((self.opacities < 0) | (self.opacities > 1)).any()):
+        if _leaves(self.opacities, 0, 1):
             raise InputError("opacities must lie in 0 … 1. If these are logits, call .sigmoid() on them first.")
         object.__setattr__(self, "quaternions", _unit(self.quaternions))
 
@@ -167,6 +167,16 @@ def rotation_matrices(quaternions: Tensor) -> Tensor:
     )
     matrices: Tensor = torch.stack(entries, dim=-1).reshape(*quaternions.shape[:-1], 3, 3)
     return matrices
+
+
+def _leaves(values: Tensor, low: float, high: float) -> bool:
+    """Whether a value lies outside low … high; NaN does not count. The extremes alone, which are quick, settle most."""
+    if values.numel() == 0:
+        return False
+    least, most = values.detach().aminmax()
+    if low <= float(least) and float(most) <= high:
+        return False
+    return bool(((values < low) | (values > high)).any())
 
 
 def _unit(quaternions: Tensor) -> Tensor:

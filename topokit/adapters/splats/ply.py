@@ -15,7 +15,7 @@ from topokit.errors import ReadError
 _MEANS = ("x", "y", "z")
 _SCALES = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
-_BLOCK = 1 << 20  # bytes read at once: the rows stay in the cache while their columns are taken out
+_BLOCK = 1 << 19  # bytes read at once: the rows stay in the cache while their columns are taken out
 
 
 def read_ply(path: Path) -> SplatTable:

@@ -222,6 +222,15 @@ def test_parts_that_nearly_touch_are_one_cluster_and_a_large_disc_belongs_to_its
     assert float(shape.samples.points[:, :2].norm(dim=-1).min()) < 0.2
 
 
+@pytest.mark.parametrize("distance", [1e3, 1e9, 1e30])
+def test_a_splat_far_away_does_not_coarsen_the_clusters(distance: float) -> None:
+    both = joined(torus_scene(1500), moved(torus_scene(1000, 0.6, 0.2), 8.0))
+    far = moved(torus_scene(1), distance)._replace(scales=both.scales[:1])
+    shape = tk.from_splats(splats_of(joined(both, far)))
+    assert "(2 in all" in note(shape, "component=")
+    assert note(shape, "min_cluster").startswith("1 of 2501 splats")
+
+
 def test_blobs_are_kept_and_their_normals_put_aside() -> None:
     scene = torus_scene(2000)
     scene.scales[:] = scene.scales[:, :1]

@@ -173,15 +173,26 @@ def _clusters(splats: GaussianSplats) -> NDArray[np.int64]:
     disc, belong together. Unlike the neighbour graph of the centres this does not mind a large disc among small ones.
     """
     marks, cell = _disc_marks(splats)
-    coordinates = np.floor((marks - marks.min(axis=0)) / cell).reshape(-1, 3)
-    cells, of_mark = np.unique(coordinates, axis=0, return_inverse=True)
-    of_mark = of_mark.reshape(-1, 5)
+    cells, of_mark = _cells((marks - np.median(marks[:, 0], axis=0)) / cell)
     touching = cKDTree(cells).query_pairs(1.8, output_type="ndarray")  # √3 reaches the corner neighbours
     rows = np.concatenate((touching[:, 0], np.repeat(of_mark[:, 0], 4)))
     columns = np.concatenate((touching[:, 1], of_mark[:, 1:].ravel()))
     graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(len(cells), len(cells)))
     _, labels = connected_components(graph, directed=False)
     return np.unique(labels[of_mark[:, 0]], return_inverse=True)[1]
+
+
+def _cells(places: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Occupied unit cells (C, 3) and which of them each place (..., 3) is in: (...,).
+
+    A cell is one 64-bit number, 21 bits per axis, because sorting rows would take most of the time. What is farther
+    than a million cells away is counted at that distance.
+    """
+    most = 1 << 20
+    steps = np.clip(np.floor(places), -most, most - 1).astype(np.int64) + most
+    keys, of_place = np.unique(steps[..., 0] << 42 | steps[..., 1] << 21 | steps[..., 2], return_inverse=True)
+    cells = np.stack([keys >> shift & (2 * most - 1) for shift in (42, 21, 0)], axis=1)
+    return cells, of_place.reshape(places.shape[:-1])
 
 
 def _disc_marks(splats: GaussianSplats) -> tuple[NDArray[np.float64], float]:

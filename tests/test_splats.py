@@ -12,7 +12,7 @@ from torch import Tensor
 
 import topokit as tk
 from topokit.adapters.splats.discs import sample_discs
-from topokit.adapters.splats.gaussians import rotation_matrices
+from topokit.adapters.splats.geometry import rotation_matrices
 from topokit.errors import InputError
 from topokit.testing import icosphere
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.cleaning import Component, Limits, clean
+from topokit.adapters.splats.cleaning import Limits, clean
+from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.core.curvature import DEFAULT_NEIGHBORS

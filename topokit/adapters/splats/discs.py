@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.cleaning import disc_weights, thickness
-from topokit.adapters.splats.gaussians import GaussianSplats, rotation_matrices
+from topokit.adapters.splats.gaussians import GaussianSplats
+from topokit.adapters.splats.geometry import disc_weights, rotation_matrices, thickness
 
 REACH = 1.0  # standard deviations: discs of this radius overlap in a trained scene without leaving the surface
 

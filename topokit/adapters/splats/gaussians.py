@@ -151,24 +151,6 @@ class GaussianSplats:
             table.tofile(file)
 
 
-def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Rotation matrices of unit quaternions wxyz: (..., 4) → (..., 3, 3); column i is the axis of scale i."""
-    w, x, y, z = quaternions.unbind(-1)
-    entries = (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-    )
-    matrices: Tensor = torch.stack(entries, dim=-1).reshape(*quaternions.shape[:-1], 3, 3)
-    return matrices
-
-
 def _leaves(values: Tensor, low: float, high: float) -> bool:
     """Whether a value lies outside low … high; NaN does not count. The extremes alone, which are quick, settle most."""
     if values.numel() == 0:

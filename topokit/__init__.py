@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from topokit.adapters.mesh import from_mesh
     from topokit.adapters.points import from_points
+    from topokit.adapters.splats.adapter import from_splats
+    from topokit.adapters.splats.gaussians import GaussianSplats
     from topokit.core.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
@@ -20,24 +22,28 @@ __version__ = "0.1.0"
 _HOME = {
     "Curvature": "topokit.core.curvature",
     "Evidence": "topokit.report",
+    "GaussianSplats": "topokit.adapters.splats.gaussians",
     "Shape": "topokit.shape",
     "SurfaceSamples": "topokit.core.samples",
     "TopokitError": "topokit.errors",
     "TopologyReport": "topokit.report",
     "from_mesh": "topokit.adapters.mesh",
     "from_points": "topokit.adapters.points",
+    "from_splats": "topokit.adapters.splats.adapter",
     "load": "topokit.registry",
 }
 
 __all__ = [
     "Curvature",
     "Evidence",
+    "GaussianSplats",
     "Shape",
     "SurfaceSamples",
     "TopokitError",
     "TopologyReport",
     "from_mesh",
     "from_points",
+    "from_splats",
     "load",
 ]
 

@@ -28,6 +28,12 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     return path
 
 
+def file_of_folder(source: str | os.PathLike[str]) -> Path:
+    """The path itself, or for the folder of an unzipped .sog the meta.json in it."""
+    path = Path(source)
+    return path / "meta.json" if (path / "meta.json").is_file() else path
+
+
 def head(path: Path, size: int = 4096) -> bytes:
     """The first bytes of a file."""
     with path.open("rb") as file:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import InputError, ReadError, UnknownFormatError
-from topokit.files import existing_file, head
+from topokit.files import existing_file, file_of_folder, head
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -38,15 +38,16 @@ _POINTS = _Entry(
     "topokit.adapters.points:from_points",
     (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc", ".npy", ".npz", ".pcd", ".las", ".laz", ".ply"),
 )
-_TABLE = {entry.name: entry for entry in (_MESH, _POINTS)}
+_SPLATS = _Entry("splats", "topokit.adapters.splats.adapter:from_splats", (".splat", ".spz", ".sog", ".ksplat", ".ply"))
+_TABLE = {entry.name: entry for entry in (_MESH, _POINTS, _SPLATS)}
 
 
 def load(source: str | os.PathLike[str], *, adapter: str | None = None, **options: Any) -> Shape:
     """Open a file with the adapter that its content, or failing that its suffix, asks for.
 
     Args:
-        source: path of the file.
-        adapter: name of an adapter ("mesh", "points") that settles the choice.
+        source: path of the file, or of the folder of an unzipped .sog.
+        adapter: name of an adapter ("mesh", "points", "splats") that settles the choice.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:
@@ -54,7 +55,7 @@ def load(source: str | os.PathLike[str], *, adapter: str | None = None, **option
         UnknownFormatError: if neither content nor suffix is known.
         InputError: if `adapter` is not known or an option does not exist for it.
     """
-    path = existing_file(source)
+    path = existing_file(file_of_folder(source))
     if adapter is not None and adapter not in _TABLE:
         raise InputError(f"adapter {adapter!r} is not known. Known: {', '.join(_TABLE)}.")
     entry = _TABLE[adapter] if adapter is not None else _choose(path)
@@ -63,6 +64,8 @@ def load(source: str | os.PathLike[str], *, adapter: str | None = None, **option
 
 def _choose(path: Path) -> _Entry:
     beginning = head(path, _HEAD)
+    if _is_splats(path, beginning):
+        return _SPLATS
     for looks_like, answer in _CONTENT:
         if looks_like(beginning):
             return answer(path, beginning)
@@ -73,7 +76,7 @@ def _choose(path: Path) -> _Entry:
     known = ", ".join(sorted({suffix for entry in _TABLE.values() for suffix in entry.suffixes}))
     raise UnknownFormatError(
         f"{path}: {suffix or 'a file without suffix'!r} is not a known format and its content is not one either. "
-        f"Known: {known}. Pass adapter='mesh' or adapter='points' if you know what it is."
+        f"Known: {known}. Pass adapter={' or '.join(repr(name) for name in _TABLE)} if you know what it is."
     )
 
 
@@ -84,10 +87,14 @@ def _accepted(entry: _Entry, options: dict[str, Any]) -> dict[str, Any]:
     return options
 
 
+def _is_splats(path: Path, beginning: bytes) -> bool:
+    from topokit.adapters.splats.formats import reader_by_content
+
+    return reader_by_content(path, beginning) is not None
+
+
 def _ply(path: Path, beginning: bytes) -> _Entry:
     header = beginning.partition(b"end_header")[0]
-    if re.search(rb"property\s+\w+\s+(rot_0|f_dc_0|packed_rotation)\b", header):
-        raise UnknownFormatError(f"{path} is a Gaussian-splat .ply file; splats cannot be opened yet.")
     faces = re.search(rb"element\s+(?:face|tristrips)\s+(\d+)", header)
     return _MESH if faces and int(faces.group(1)) > 0 else _POINTS
 
@@ -97,7 +104,9 @@ def _zip(path: Path, beginning: bytes) -> _Entry:
         return _MESH
     if b".npy" in beginning:
         return _POINTS
-    raise ReadError(f"{path} is a zip archive, but neither a 3MF model nor a NumPy archive; unpack it first.")
+    raise ReadError(
+        f"{path} is a zip archive, but neither a 3MF model, a NumPy archive nor a .sog scene; unpack it first."
+    )
 
 
 _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (

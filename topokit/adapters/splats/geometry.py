@@ -1,0 +1,52 @@
+"""What a Gaussian is as a disc: its axes, its flatness, its area."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from topokit.adapters.splats.gaussians import GaussianSplats
+from topokit.errors import InputError
+
+
+def rotation_matrices(quaternions: Tensor) -> Tensor:
+    """Rotation matrices of unit quaternions wxyz: (..., 4) → (..., 3, 3); column i is the axis of scale i."""
+    w, x, y, z = quaternions.unbind(-1)
+    entries = (
+        1 - 2 * (y * y + z * z),
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        1 - 2 * (x * x + z * z),
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        1 - 2 * (x * x + y * y),
+    )
+    matrices: Tensor = torch.stack(entries, dim=-1).reshape(*quaternions.shape[:-1], 3, 3)
+    return matrices
+
+
+def thickness(splats: GaussianSplats) -> Tensor:
+    """Smallest over middle scale, (N,), 0 for a disc and 1 for a ball or a needle; detached."""
+    ordered = splats.scales.detach().sort(dim=-1).values
+    return ordered[:, 0] / ordered[:, 1]
+
+
+def disc_areas(splats: GaussianSplats) -> Tensor:
+    """Product of the two larger scales, (N,), float64, in which no float32 overflows; detached."""
+    ordered = splats.scales.detach().double().sort(dim=-1).values
+    return ordered[:, 1] * ordered[:, 2]
+
+
+def disc_weights(splats: GaussianSplats) -> Tensor:
+    """Area times opacity as shares of the whole, (N,), float64; detached.
+
+    Raises:
+        InputError: if every splat is fully transparent.
+    """
+    areas = disc_areas(splats)
+    weights = areas / areas.max() * splats.opacities.detach()
+    if not bool(weights.sum() > 0):
+        raise InputError(f"all {len(splats)} splats have opacity 0: there is no surface to sample.")
+    return weights / weights.sum()

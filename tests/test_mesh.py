@@ -214,3 +214,22 @@ def test_nothing_is_left_behind_by_a_report() -> None:
     shape.report()
     gc.collect()
     assert not any(torch.is_tensor(o) and o.grad_fn is not None for o in (shape.samples.points, shape.samples.normals))
+
+
+def test_overlapping_parts_are_said_with_the_solid_they_make() -> None:
+    vertices, faces = icosphere(3)
+    double = np.concatenate((vertices, vertices + [1.0, 0, 0])), np.concatenate((faces, faces + len(vertices)))
+    report = tk.from_mesh(double).report()
+    assert (report.euler, report.verdict) == (4, "certain")
+    assert any("intersects or overlaps itself" in reason and "χ = 2." in reason for reason in report.reasons)
+    solid = next(one for one in report.evidence if one.name == "solid by winding number")
+    assert solid.integer == 2
+
+
+def test_soups_and_punctured_meshes_have_the_solid_as_second_evidence() -> None:
+    vertices, faces = torus_mesh(40, 20)
+    report = tk.from_mesh((vertices, faces[7:])).report()
+    assert not report.closed
+    assert any("As a solid: by winding number" in reason and "χ = 0." in reason for reason in report.reasons)
+    clean = tk.from_mesh((vertices, faces)).report()
+    assert not any("solid" in reason for reason in clean.reasons)

@@ -87,7 +87,11 @@ def test_a_target_out_of_reach_is_said() -> None:
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"over": ("weights",)}, "over must name some of"), ({"over": ()}, "over must"), ({"step": "newton"}, "'newton' is not")],
+    [
+        ({"over": ("weights",)}, "over must name some of"),
+        ({"over": ()}, "over must"),
+        ({"step": "newton"}, "'newton' is not"),
+    ],
 )
 def test_unknown_options_are_named(options: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):

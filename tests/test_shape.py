@@ -71,7 +71,9 @@ def test_flipped_normals_are_noticed() -> None:
 @pytest.mark.parametrize(
     "points",
     [
-        torch.cat((torch.rand(400, 2, generator=torch.Generator().manual_seed(0)), torch.zeros(400, 1)), dim=1).double(),
+        torch.cat(
+            (torch.rand(400, 2, generator=torch.Generator().manual_seed(0)), torch.zeros(400, 1)), dim=1
+        ).double(),
         torch.linspace(0, 1, 200, dtype=torch.float64)[:, None].expand(200, 3).clone(),
         torch.ones(100, 3, dtype=torch.float64),
     ],

@@ -12,6 +12,7 @@ from torch import Tensor
 from topokit.core.boundary import BoundaryCurve, euler_of_boundary
 from topokit.core.components import SurfaceComponent
 from topokit.core.curvature import Curvature
+from topokit.core.enclosed_solid import EnclosedSolid
 from topokit.core.gauss_bonnet import euler_by_component
 from topokit.core.mesh_topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
@@ -26,6 +27,7 @@ from topokit.report import (
     sum_genus,
 )
 
+_OVERLAP = 0.04  # share of a closed mesh's area off its own solid from which it is said to overlap itself
 _CROWDED = 0.05  # share of samples beside another sheet from which curves along thin rims are not taken for a boundary
 _OPEN_LENGTH = 60  # spacings of boundary from which the boundary's own sum is believed before a solid's
 
@@ -42,6 +44,7 @@ class Measured:
         witness: the global witness, or None where it refused; then `refusal` says why.
         refusal: its sentence, or "".
         evidence: for the report.
+        solid: what a mesh encloses by winding number, or None where there is no mesh.
     """
 
     local: Curvature
@@ -51,11 +54,15 @@ class Measured:
     witness: Witness | None
     refusal: str
     evidence: tuple[Evidence, ...]
+    solid: EnclosedSolid | None = None
 
 
 def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured: Measured) -> TopologyReport:
     """The report of a shape that carries a combinatorial answer."""
     closed, components = exact.closed, exact.components
+    reasons = notes + exact.reasons
+    if measured.solid is not None and (not closed or measured.solid.off_level > _OVERLAP):
+        reasons = (*reasons, _solid_sentence(measured.solid, closed))
     return TopologyReport(
         name=name,
         euler=exact.evidence.integer,
@@ -66,7 +73,7 @@ def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured
         boundary_loops=exact.boundary_loops,
         closed=closed,
         verdict=exact.verdict,
-        reasons=notes + exact.reasons,
+        reasons=reasons,
         evidence=(exact.evidence, *measured.evidence),
         estimate=measured.estimate,
         refined=measured.refined,
@@ -157,6 +164,13 @@ def _curvature_sentence(measured: Measured, n_points: int) -> str:
     boundary = euler_of_boundary(measured.curves)
     share = f", {boundary:.2f} of it from the boundary's turning" if measured.curves else ""
     return f"Curvature over {n_points} samples sums to χ ≈ {measured.estimate:.2f}{share}."
+
+
+def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:
+    found = f"by winding number, seen at steps of {solid.cell:.3g}, the solid it encloses has a surface with χ = {solid.euler}."
+    if not closed:
+        return f"As a solid: {found}"
+    return f"{solid.off_level:.0%} of the area does not bound the mesh's own solid: it intersects or overlaps itself; {found}"
 
 
 def _where_open(points: Tensor, local: Curvature, curves: tuple[BoundaryCurve, ...], spacing: float) -> str:

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from topokit.core.boundary import BoundaryCurve, boundary_curves, euler_of_boundary, rim_points
 from topokit.core.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.enclosed_solid import enclosed_solid
 from topokit.core.gauss_bonnet import euler_characteristic
 from topokit.core.refine import corrected, self_optimize
 from topokit.core.samples import SurfaceSamples
@@ -205,7 +206,13 @@ class Shape:
             started = time.perf_counter()
             refined = float(self.euler())
             evidence.append(Evidence("Gauss–Bonnet, self-optimised", refined, None, time.perf_counter() - started))
-        return Measured(local, curves, estimate, refined, witness, refusal, tuple(evidence))
+        solid = None
+        if self.exact is not None and self.mesh is not None:
+            started = time.perf_counter()
+            solid = enclosed_solid(*self.mesh)
+            seconds = time.perf_counter() - started
+            evidence.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
+        return Measured(local, curves, estimate, refined, witness, refusal, tuple(evidence), solid)
 
     def _is_exactly_closed(self) -> bool:
         return self.exact is not None and self.exact.closed

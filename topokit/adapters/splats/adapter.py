@@ -24,7 +24,7 @@ _FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 50_000
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
     *,
-    component: Component = "largest",
+    component: Component = "all",
     min_opacity: float | None = 0.1,
     max_size: float | None = 10.0,
     max_thickness: float | None = 0.5,
@@ -42,7 +42,7 @@ def from_splats(
         source: a path (.ply .splat .spz .sog .ksplat, or the folder of an unzipped .sog), a `GaussianSplats`, or a
             dictionary as gsplat's trainer stores it (see `GaussianSplats.from_dict`). Tensors keep dtype, device and
             gradient; files are sampled in float64.
-        component: "largest" keeps the cluster with most area, "all" keeps every cluster that is not isolated, an
+        component: "all" keeps every cluster that is not isolated, "largest" the one with most area, an
             index chooses one, counted by area from 0. Clusters are as coherent as the discs are large: gaps below
             about two median disc sizes do not part them.
         min_opacity: fainter splats are dropped. None switches this and each of the following three off.

@@ -142,7 +142,7 @@ def test_unusable_clouds_are_refused(points: Floats) -> None:
         orient(points)
 
 
-def test_points_in_coinciding_groups_are_refused() -> None:
-    points = np.repeat(np.random.default_rng(0).random((20, 3)), 30, axis=0)
-    with pytest.raises(InputError, match="coincide"):
-        orient(points)
+def test_repeated_points_count_once_and_share_their_normal() -> None:
+    points, _ = sphere(1000)
+    single, repeated = orient(points), orient(np.repeat(points, 12, axis=0))
+    np.testing.assert_array_equal(repeated.normals, np.repeat(single.normals, 12, axis=0))

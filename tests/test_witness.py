@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from topokit.core import thinning
+from topokit.core import thinning, witness
 from topokit.core.mesh_sampling import sample_triangles
 from topokit.core.verdict import decide
 from topokit.core.witness import global_witness
@@ -139,7 +139,8 @@ def test_the_answer_is_deterministic() -> None:
 
 
 def test_large_clouds_are_thinned_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thinning, "MOST_POINTS", 5000)
+    for module in (thinning, witness):
+        monkeypatch.setattr(module, "MOST_POINTS", 5000)
     monkeypatch.setattr(thinning, "KEPT_POINTS", 3000)
     points, normals = torus(8000)
     for given in (normals, None, -normals):
@@ -147,6 +148,16 @@ def test_large_clouds_are_thinned_and_that_is_said(monkeypatch: pytest.MonkeyPat
         assert (found.euler, found.verdict) == (0, "likely")
         assert found.reasons[0].startswith("Of 8000 points ")
         assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
+
+
+def test_repeated_points_are_left_out_and_that_is_said() -> None:
+    points, normals = sphere(1500)
+    found = global_witness(points.repeat(4, 1), normals.repeat(4, 1))
+    assert (found.euler, found.verdict) == (2, "likely")
+    assert found.reasons[0] == "4500 points lie where others do and were left out."
+    assert found.normals.shape == (6000, 3)
+    with pytest.raises(InputError, match="too few"):
+        global_witness(points[:20].repeat(30, 1))
 
 
 DEGENERATE = {

@@ -167,10 +167,13 @@ def _curvature_sentence(measured: Measured, n_points: int) -> str:
 
 
 def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:
-    found = f"by winding number, seen at steps of {solid.cell:.3g}, the solid it encloses has a surface with χ = {solid.euler}."
+    found = (
+        f"by winding number at steps of {solid.cell:.3g} the solid it encloses has a surface with χ = {solid.euler}."
+    )
     if not closed:
         return f"As a solid: {found}"
-    return f"{solid.off_level:.0%} of the area does not bound the mesh's own solid: it intersects or overlaps itself; {found}"
+    share = f"{solid.off_level:.0%} of the area does not bound the mesh's own solid"
+    return f"{share}: it intersects or overlaps itself; {found}"
 
 
 def _where_open(points: Tensor, local: Curvature, curves: tuple[BoundaryCurve, ...], spacing: float) -> str:

@@ -245,13 +245,12 @@ class Shape:
             self._witnessed = []
             samples = self.samples
             points = samples.points.detach().reshape(-1, samples.n_points, 3)
-            known = samples.known_normals() if samples.oriented else None
+            known = samples.known_normals()
             normals = None if known is None else known.detach().reshape(points.shape)
             for item in range(len(points)):
                 try:
-                    found: Witness | InputError = global_witness(
-                        points[item], None if normals is None else normals[item]
-                    )
+                    own = None if normals is None else normals[item]
+                    found: Witness | InputError = global_witness(points[item], own, oriented=samples.oriented)
                 except InputError as error:
                     found = error
                 self._witnessed.append(found)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from topokit.core.chunks import in_chunks
 from topokit.core.frames import frames_from_neighbors, frames_from_normals
-from topokit.core.linalg import determinant, eigenvalues, eigenvectors, trace
+from topokit.core.linalg import determinant, eigenvalues, eigenvectors, squared_norm, trace
 from topokit.core.neighbors import flat_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.core.voronoi import AreaMethod, cell_areas
@@ -89,8 +89,9 @@ def surface_curvature(
         tangent = offsets @ basis.mT  # (m, k, 2)
         around = frames[:, 2][index]  # (m, k, 3)
         if not samples.oriented:
-            around = torch.where((around * normal).sum(-1, keepdim=True) < 0, -around, around)
-        same_sheet = (offsets @ normal.mT).detach().abs() <= tangent.detach().norm(dim=-1, keepdim=True)
+            around = torch.where(around @ normal.mT < 0, -around, around)
+        height = (offsets @ normal.mT).detach()
+        same_sheet = height.square() <= squared_norm(tangent.detach()).unsqueeze(-1)
         tangent = tangent * same_sheet  # a neighbour moved to the centre takes part in nothing
         normal_change = (around - normal) @ basis.mT * same_sheet
         shape_operator = weingarten_map(tangent, normal_change, solver)

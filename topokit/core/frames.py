@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from topokit.core.linalg import normalize, smallest_eigenvector, tangent_basis, trace
+from topokit.core.linalg import normalize, smallest_eigenvector, squared_norm, tangent_basis, trace
 
 
 def normalized_covariance(offsets: Tensor) -> Tensor:
@@ -23,7 +23,7 @@ def gauge(offsets: Tensor) -> Tensor:
     It turns with the points, so nothing computed from the frame depends on the pose of the cloud.
     """
     offsets = offsets.detach()
-    farthest = offsets.square().sum(-1).argmax(-1)
+    farthest = squared_norm(offsets).argmax(-1)
     return offsets.take_along_dim(farthest[..., None, None], dim=-2).squeeze(-2)
 
 

@@ -16,7 +16,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _ROWS = 1 << 15  # samples whose neighborhoods are held at once
-_FEWEST = 32
+FEWEST_POINTS = 32
+"""Fewer samples bound no solid that anything could be said about."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +99,8 @@ def centered_positions(points: Floats) -> tuple[Floats, float]:
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"a cloud has shape (N, 3), not {points.shape}.")
-    if len(points) < _FEWEST:
-        raise InputError(f"{len(points)} points are too few to bound a solid: at least {_FEWEST} are needed.")
+    if len(points) < FEWEST_POINTS:
+        raise InputError(f"{len(points)} points are too few to bound a solid: at least {FEWEST_POINTS} are needed.")
     if not np.isfinite(points).all():
         raise InputError("some coordinates are not finite: remove those points.")
     low, high = points.min(0), points.max(0)

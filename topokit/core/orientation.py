@@ -32,7 +32,7 @@ from topokit.core.local_geometry import (
 from topokit.core.splines import GridSampler, make_grid
 from topokit.core.tetrahedra import DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.thinning import spread_signs, thin
-from topokit.core.winding import PoissonFilter, winding_field
+from topokit.core.winding import squared_wavenumbers, winding_field
 
 Floats = NDArray[np.float64]
 
@@ -68,8 +68,8 @@ class Orientation:
 def orient(points: ArrayLike, areas: ArrayLike | None = None) -> Orientation:
     """Outward normals for unoriented samples.
 
-    Of more than 30 000 points about 20 000, evenly spread, are oriented; every point then takes its own local plane's
-    normal with the sign of the nearest of those.
+    Of more than 30 000 points about 20 000, evenly spread, are oriented; every other point then takes its own local
+    plane's normal with the sign of the nearest of those. Of points in the same place one is looked at.
 
     Args:
         points: (N, 3), on the CPU.
@@ -175,20 +175,27 @@ class _DipoleSolver:
         self.areas = areas_ / areas_.mean()
         self.grid = make_grid(self.points, cell, 1.0, 160**3, minimum_length=16)
         self.sampler = GridSampler(self.points, self.grid)
+        self.squared = squared_wavenumbers(self.grid, self.points)
+        self.squared[0, 0, 0] = 1.0
         self.smooth(1.0)
 
     def smooth(self, sigma: float) -> None:
-        """Set the Gaussian, in cells."""
-        self.filter = PoissonFilter(self.grid, sigma, self.points)
+        """Set the Gaussian, in cells; dipoles are in units that make the cell drop out."""
+        self.multiplier = torch.exp(-0.5 * sigma**2 * self.squared) / self.squared
+        self.multiplier[0, 0, 0] = 0.0
+
+    def solve(self, density: Tensor) -> Tensor:
+        """The smoothed inverse of minus the Laplacian, with k² kept from one smoothing to the next."""
+        return torch.fft.irfftn(torch.fft.rfftn(density) * self.multiplier, s=self.grid.shape)
 
     def field(self, dipoles: Tensor) -> Tensor:
         """Winding numbers on the grid, zero on average over the box's faces."""
-        field = -self.filter(self.sampler.splat_dipoles(dipoles))
+        field = -self.solve(self.sampler.splat_dipoles(dipoles))
         return field - _rim(field)
 
     def adjoint(self, values: Tensor) -> Tensor:
         """Values at the samples (N,) back to dipole vectors (N, 3)."""
-        return -self.sampler.gather_gradient(self.filter(self.sampler.splat(values)))
+        return -self.sampler.gather_gradient(self.solve(self.sampler.splat(values)))
 
     def conjugate_gradients(self, sigma: float, iterations: int, damping: float = 1e-2) -> Tensor:
         """Dipoles (N, 3) of least weighted norm with w(pᵢ) near one half."""

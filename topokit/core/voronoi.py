@@ -7,6 +7,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
+from topokit.core.linalg import squared_norm
 from topokit.errors import InputError
 
 AreaMethod = Literal["exact", "monte-carlo"]
@@ -53,7 +54,7 @@ def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
         areas (...,) and is_open (...,) as in `cell_areas`. Neighbours that coincide with the origin are ignored; a
         neighbourhood that spans no area has area 0 and is open.
     """
-    squared = tangent.square().sum(-1)  # (..., k)
+    squared = squared_norm(tangent)  # (..., k)
     is_present = squared.detach() > 0
     far = 4 * tangent.detach().abs().amax((-2, -1), keepdim=True)
     lower_cut, upper_cut, is_edge = _cutting_neighbors(tangent.detach().where(is_present[..., None], far))
@@ -84,7 +85,7 @@ def _cutting_neighbors(tangent: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     is_upper = cross >= 0
     at = torch.div(rise, cross, out=rise)
     upper, upper_cut = at.where(is_upper, torch.inf).min(-1)
-    lower, lower_cut = at.masked_fill_(is_upper, -torch.inf).max(-1)
+    lower, lower_cut = at.where(~is_upper, -torch.inf).max(-1)
     return torch.where(lower.isinf(), own, lower_cut), torch.where(upper.isinf(), own, upper_cut), lower < upper
 
 
@@ -93,7 +94,7 @@ def _cut(tangent: Tensor, squared: Tensor, cutter: Tensor) -> tuple[Tensor, Tens
     other = tangent.take_along_dim(cutter[..., None], dim=-2)
     twice_cross = 2 * (tangent[..., 0] * other[..., 1] - tangent[..., 1] * other[..., 0])
     crosses = twice_cross != 0
-    rise = (other * (other - tangent)).sum(-1)
+    rise = squared_norm(other) - (other[..., 0] * tangent[..., 0] + other[..., 1] * tangent[..., 1])
     at = rise / torch.where(crosses, twice_cross, 1)
     reach = squared.detach().amax(-1, keepdim=True)
     known = crosses & (squared.detach() * (0.25 + at.detach().square()) <= reach)

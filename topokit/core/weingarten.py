@@ -7,7 +7,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from topokit.core.linalg import adjugate, determinant, lift_smallest_eigenvalue, trace
+from topokit.core.linalg import adjugate, determinant, lift_smallest_eigenvalue, squared_norm, trace
 from topokit.errors import InputError
 
 Solver = Literal["sylvester", "symmetrized", "commuting"]
@@ -31,7 +31,7 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
     Raises:
         InputError: for an unknown solver.
     """
-    radius = tangent.detach().square().sum(-1).mean(-1).sqrt()[..., None, None]
+    radius = squared_norm(tangent.detach()).mean(-1).sqrt()[..., None, None]
     radius = radius.where(radius > 0, 1)
     steps = tangent / radius
     moment = steps.mT @ steps

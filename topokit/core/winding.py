@@ -25,6 +25,18 @@ from topokit.errors import InputError
 _PAIRS = 1 << 22  # differences held at once by the direct sum
 
 
+def squared_wavenumbers(grid: Grid, like: Tensor) -> Tensor:
+    """|k|² in units of 1/cell² on the half-spectrum of `rfftn`, (X, Y, Z // 2 + 1), dtype and device as `like`."""
+    x, y, z = _squared_frequencies(grid, like)
+    return x[:, None, None] + y[None, :, None] + z[None, None, :]
+
+
+def _squared_frequencies(grid: Grid, like: Tensor) -> list[Tensor]:
+    axes = [torch.fft.fftfreq(n, dtype=like.dtype, device=like.device) for n in grid.shape[:2]]
+    axes.append(torch.fft.rfftfreq(grid.shape[2], dtype=like.dtype, device=like.device))
+    return [(2 * math.pi * axis) ** 2 for axis in axes]
+
+
 class PoissonFilter:
     """Inverse of minus the Laplacian on a periodic grid, smoothed by a Gaussian: exp(−σ²k²/2) / k² in Fourier space.
 
@@ -34,9 +46,7 @@ class PoissonFilter:
 
     def __init__(self, grid: Grid, sigma: float, like: Tensor) -> None:
         """Args: grid; sigma: standard deviation of the Gaussian in cells; like: whose dtype and device to use."""
-        axes = [torch.fft.fftfreq(n, dtype=like.dtype, device=like.device) for n in grid.shape[:2]]
-        axes.append(torch.fft.rfftfreq(grid.shape[2], dtype=like.dtype, device=like.device))
-        squares = [(2 * math.pi * axis) ** 2 for axis in axes]
+        squares = _squared_frequencies(grid, like)
         x, y, z = (torch.exp(-0.5 * sigma**2 * square) for square in squares)  # the Gaussian is separable
         multiplier = squares[0][:, None, None] + (squares[1][:, None] + squares[2])
         multiplier[0, 0, 0] = 1.0

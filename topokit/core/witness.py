@@ -37,7 +37,7 @@ from topokit.core.tetrahedra import (
     separating_faces,
     solid_eulers,
 )
-from topokit.core.thinning import spread_signs, thin
+from topokit.core.thinning import MOST_POINTS, spread_signs, thin
 from topokit.core.verdict import Verdict, decide
 from topokit.core.winding import winding_field
 from topokit.errors import InputError
@@ -85,7 +85,9 @@ class Witness:
     faces: Integers
 
 
-def global_witness(points: Tensor, normals: Tensor | None = None, areas: Tensor | None = None) -> Witness:
+def global_witness(
+    points: Tensor, normals: Tensor | None = None, areas: Tensor | None = None, *, oriented: bool = True
+) -> Witness:
     """The integer of a cloud's closed surface, and how far it may be believed.
 
     Of more than 30 000 points about 20 000, evenly spread, are looked at, and `reasons` says so. Runs on the CPU, is
@@ -95,6 +97,7 @@ def global_witness(points: Tensor, normals: Tensor | None = None, areas: Tensor 
         points: (N, 3) samples of a surface, any float dtype and device.
         normals: (N, 3), any positive length, outward; found when absent, turned when they all point inward, reported
             when they contradict each other.
+        oriented: whether the normals' signs mean anything; if not, the normals are axes whose signs are found.
         areas: (N,), surface area that each sample stands for, best exact tangent Voronoi areas; estimated when absent.
 
     Raises:
@@ -111,17 +114,22 @@ def global_witness(points: Tensor, normals: Tensor | None = None, areas: Tensor 
     notes: list[str] = []
     extra: dict[str, float] = {}
     sign = 1.0
-    if len(kept) < len(positions):
+    if len(positions) > MOST_POINTS:
         notes.append(
             f"Of {len(positions)} points {len(kept)}, evenly spread, were looked at; "
             "what is smaller than their spacing is not seen."
         )
-    if given is None:
+    elif len(kept) < len(positions):
+        notes.append(f"{len(positions) - len(kept)} points lie where others do and were left out.")
+    if given is None or not oriented:
         found = orient_samples(chosen, local)
         outward, complex_ = found.normals, found.complex_
+        if given is not None:
+            axes = given[kept]
+            outward = _signed(axes, outward)
         notes.append(
-            f"No normals were given; they were found from the points ({found.coverage:.0%} of which lie on the "
-            "surface that those normals imply)."
+            f"{'No normals' if given is None else 'Normals without signs'} were given; they were found from the points "
+            f"({found.coverage:.0%} of which lie on the surface that those normals imply)."
         )
     else:
         complex_ = delaunay_complex(chosen, local.spacing)
@@ -129,7 +137,7 @@ def global_witness(points: Tensor, normals: Tensor | None = None, areas: Tensor 
         outward = sign * given[kept]
         extra["given normals"] = confirmed
         notes += said
-    oriented = time.perf_counter()
+    turned = time.perf_counter()
     weights = local.areas if areas is not None else compatible_areas(outward, local)
     votes, numbers, inside = gather_votes(chosen, outward, local, weights, complex_)
     components, cavities = count_parts(complex_, inside)
@@ -138,10 +146,11 @@ def global_witness(points: Tensor, normals: Tensor | None = None, areas: Tensor 
     voted = time.perf_counter()
     spacing = float(np.sqrt(weights.mean())) * unit_length
     if len(kept) < len(positions):
-        outward = spread_signs(positions, kept, outward) if given is None else sign * given
+        spread = spread_signs(positions, kept, outward) if given is None or not oriented else sign * given
+        outward = spread if given is None or oriented else _signed(given, spread)
     seconds = {
-        "orientation": oriented - start,
-        "votes": voted - oriented,
+        "orientation": turned - start,
+        "votes": voted - turned,
         "spreading": time.perf_counter() - voted,
     }
     return Witness(
@@ -215,6 +224,11 @@ def _check_given(
         said = f"The given normals all point inward ({confirmed:.0%} of them agree); they were turned round."
         return -1.0, confirmed, [said]
     return 1.0, confirmed, []
+
+
+def _signed(axes: Floats, directions: Floats) -> Floats:
+    """The axes (N, 3), each turned to the side of its direction."""
+    return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
 
 
 def _as_floats(values: Tensor) -> Floats:

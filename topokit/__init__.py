@@ -6,8 +6,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from topokit.adapters.implicit import from_occupancy, from_sdf
     from topokit.adapters.mesh import from_mesh
     from topokit.adapters.points import from_points
+    from topokit.adapters.voxels import from_voxels
     from topokit.core.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
@@ -25,7 +27,10 @@ _HOME = {
     "TopokitError": "topokit.errors",
     "TopologyReport": "topokit.report",
     "from_mesh": "topokit.adapters.mesh",
+    "from_occupancy": "topokit.adapters.implicit",
     "from_points": "topokit.adapters.points",
+    "from_sdf": "topokit.adapters.implicit",
+    "from_voxels": "topokit.adapters.voxels",
     "load": "topokit.registry",
 }
 
@@ -37,7 +42,10 @@ __all__ = [
     "TopokitError",
     "TopologyReport",
     "from_mesh",
+    "from_occupancy",
     "from_points",
+    "from_sdf",
+    "from_voxels",
     "load",
 ]
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from typing import Literal
 
 import torch
 from torch import Tensor
@@ -10,6 +12,7 @@ from torch import Tensor
 from topokit.core.boundary import boundary_points, looks_closed
 from topokit.core.components import SurfaceComponent
 from topokit.core.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.field import Field
 from topokit.core.gauss_bonnet import euler_by_component, euler_characteristic
 from topokit.core.neighbors import neighbor_components
 from topokit.core.samples import SurfaceSamples
@@ -18,6 +21,8 @@ from topokit.core.weingarten import Solver
 from topokit.errors import GenusError, InputError
 from topokit.report import Evidence, ExactAnswer, TopologyReport, betti_numbers, count_cavities, sum_genus
 
+EulerMethod = Literal["gauss-bonnet", "field"]
+
 
 class Shape:
     """A surface as samples, with the exact answer where the representation carries one.
@@ -25,6 +30,7 @@ class Shape:
     Attributes:
         samples: points with normals, frames and areas as far as known.
         exact: combinatorial answer, or None.
+        field: the scalar field that the shape is given by, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) where the shape was made from a mesh, or None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; they become reasons in the report.
@@ -33,31 +39,52 @@ class Shape:
 
     def __init__(
         self,
-        samples: SurfaceSamples,
-        exact: ExactAnswer | None = None,
+        samples: SurfaceSamples | Callable[[], SurfaceSamples],
+        exact: ExactAnswer | Callable[[], ExactAnswer] | None = None,
         *,
+        field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = "shape",
         notes: tuple[str, ...] = (),
         n_neighbors: int = DEFAULT_NEIGHBORS,
     ) -> None:
-        if not isinstance(samples, SurfaceSamples):
-            raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
-        if samples.n_points <= n_neighbors:
-            raise InputError(
-                f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
-                f"give at least {n_neighbors + 1}, or pass n_neighbors={max(3, samples.n_points - 1)} or fewer (at least 3)."
-            )
-        self.samples = samples
-        self.exact = exact
+        self.field = field
         self.mesh = mesh
         self.name = name
         self.notes = notes
         self.n_neighbors = n_neighbors
+        self._exact = exact
+        self._samples = samples if callable(samples) else self._checked(samples)
+
+    @property
+    def samples(self) -> SurfaceSamples:
+        """The samples; where making them is work, this is done when they are first asked for."""
+        if callable(self._samples):
+            self._samples = self._checked(self._samples())
+        return self._samples
+
+    @property
+    def exact(self) -> ExactAnswer | None:
+        """The combinatorial answer, found when it is first asked for, or None."""
+        if callable(self._exact):
+            self._exact = self._exact()
+        return self._exact
+
+    def _checked(self, samples: SurfaceSamples) -> SurfaceSamples:
+        if not isinstance(samples, SurfaceSamples):
+            raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
+        if samples.n_points <= self.n_neighbors:
+            raise InputError(
+                f"{self.name} has {samples.n_points} points, too few for {self.n_neighbors} neighbours each: "
+                f"give at least {self.n_neighbors + 1}, or pass n_neighbors={max(3, samples.n_points - 1)} or fewer "
+                "(at least 3)."
+            )
+        return samples
 
     def __repr__(self) -> str:
-        known = "exact, " if self.exact else ""
-        return f"Shape({self.name!r}, {known}{tuple(self.samples.points.shape)} samples)"
+        known = "exact, " if self._exact else ""
+        count = "no samples yet" if callable(self._samples) else f"{tuple(self._samples.points.shape)} samples"
+        return f"Shape({self.name!r}, {known}{count})"
 
     def curvature(
         self,
@@ -87,19 +114,48 @@ class Shape:
             area_resolution=area_resolution,
         )
 
-    def euler(self, n_neighbors: int | None = None, *, solver: Solver = "sylvester") -> Tensor:
-        """Differentiable Euler characteristic χ⁽⁰⁾ = (1/2π) Σ K·A of the samples.
+    def euler(
+        self,
+        n_neighbors: int | None = None,
+        *,
+        solver: Solver = "sylvester",
+        method: EulerMethod = "gauss-bonnet",
+        tau: float | None = None,
+    ) -> Tensor:
+        """Differentiable Euler characteristic: χ⁽⁰⁾ = (1/2π) Σ K·A of the samples, or χ_τ of the shape's field.
 
         It is a real number near the integer; `report()` gives the integer and says how far to believe it.
 
+        Args:
+            n_neighbors: k for "gauss-bonnet"; the shape's own by default.
+            solver: for "gauss-bonnet", see `curvature`.
+            method: "gauss-bonnet", or "field": χ averaged over levels within about `tau` of the field's own, on its own
+                grid and in its connectivity. Only this one has a gradient that moves the topology.
+            tau: for "field", in units of the field; by default its typical change over one cell. 0 gives the exact
+                integer of the grid, without a gradient.
+
         Returns:
-            0-d tensor (or (...,) for batched samples), differentiable with respect to points and normals.
+            0-d tensor (or (...,) for batched samples), differentiable with respect to whatever the shape was made from.
+
+        Raises:
+            InputError: for an unknown method, or "field" for a shape without a field.
 
         Reference:
             Paper, equation `euler`.
         """
+        if method == "field":
+            return self._field().euler(tau)
+        if method != "gauss-bonnet":
+            raise InputError(f"method {method!r} is not known; use 'gauss-bonnet' or 'field'.")
+        if tau is not None:
+            raise InputError(f"tau={tau} has no meaning for method='gauss-bonnet'; pass method='field' with it.")
         local = self.curvature(n_neighbors, solver=solver)
         return euler_characteristic(local.gaussian, local.area)
+
+    def _field(self) -> Field:
+        if self.field is None:
+            raise InputError(f"{self.name} has no field, so method='field' cannot be used: use 'gauss-bonnet'.")
+        return self.field
 
     def genus(self) -> int:
         """Handles summed over components, from the report's integer.
@@ -149,10 +205,10 @@ class Shape:
             closed=closed,
             verdict=exact.verdict,
             reasons=self.notes + exact.reasons,
-            evidence=(exact.evidence, curvature),
+            evidence=(exact.evidence, *exact.further, curvature),
             estimate=curvature.value,
             refined=None,
-            resolution=None,
+            resolution=exact.resolution,
             per_component=components,
         )
 

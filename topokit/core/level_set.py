@@ -187,7 +187,7 @@ def implicit_curvature(gradient: Tensor, hessian: Tensor) -> tuple[Tensor, Tenso
     square = gradient.square().sum(-1)
 
     def form(matrix: Tensor) -> Tensor:
-        return (gradient.unsqueeze(-2) @ matrix @ gradient.unsqueeze(-1)).flatten(-3)[..., 0]
+        return (gradient.unsqueeze(-2) @ matrix @ gradient.unsqueeze(-1))[..., 0, 0]
 
     trace = hessian.diagonal(dim1=-2, dim2=-1).sum(-1)
     return form(adjugate) / square.square(), (square * trace - form(hessian)) / (2 * square**1.5)

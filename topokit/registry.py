@@ -38,7 +38,10 @@ _POINTS = _Entry(
     "topokit.adapters.points:from_points",
     (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc", ".npy", ".npz", ".pcd", ".las", ".laz", ".ply"),
 )
-_TABLE = {entry.name: entry for entry in (_MESH, _POINTS)}
+_SDF = _Entry("sdf", "topokit.adapters.implicit:from_sdf", (".pt", ".pth", ".pt2", ".ts"))
+_OCCUPANCY = _Entry("occupancy", "topokit.adapters.implicit:from_occupancy", ())
+_VOXELS = _Entry("voxels", "topokit.adapters.voxels:from_voxels", (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff"))
+_TABLE = {entry.name: entry for entry in (_MESH, _POINTS, _SDF, _OCCUPANCY, _VOXELS)}
 
 
 def load(source: str | os.PathLike[str], *, adapter: str | None = None, **options: Any) -> Shape:
@@ -46,7 +49,7 @@ def load(source: str | os.PathLike[str], *, adapter: str | None = None, **option
 
     Args:
         source: path of the file.
-        adapter: name of an adapter ("mesh", "points") that settles the choice.
+        adapter: name of an adapter ("mesh", "points", "sdf", "occupancy", "voxels") that settles the choice.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:
@@ -73,7 +76,7 @@ def _choose(path: Path) -> _Entry:
     known = ", ".join(sorted({suffix for entry in _TABLE.values() for suffix in entry.suffixes}))
     raise UnknownFormatError(
         f"{path}: {suffix or 'a file without suffix'!r} is not a known format and its content is not one either. "
-        f"Known: {known}. Pass adapter='mesh' or adapter='points' if you know what it is."
+        f"Known: {known}. Pass adapter=… ({', '.join(_TABLE)}) if you know what it is."
     )
 
 
@@ -96,8 +99,26 @@ def _zip(path: Path, beginning: bytes) -> _Entry:
     if b"3D/" in beginning or b"[Content_Types].xml" in beginning:
         return _MESH
     if b".npy" in beginning:
-        return _POINTS
-    raise ReadError(f"{path} is a zip archive, but neither a 3MF model nor a NumPy archive; unpack it first.")
+        return _numpy(path, beginning)
+    if b".pkl" in beginning or path.suffix.lower() in _SDF.suffixes:
+        return _SDF
+    raise ReadError(
+        f"{path} is a zip archive, but neither a 3MF model, a NumPy archive nor a network; unpack it first."
+    )
+
+
+def _numpy(path: Path, beginning: bytes) -> _Entry:
+    from topokit.adapters.voxel_files import is_volume_file
+
+    return _VOXELS if is_volume_file(path) else _POINTS
+
+
+def _gzip(path: Path, beginning: bytes) -> _Entry:
+    from topokit.adapters.voxel_files import is_volume_file
+
+    if is_volume_file(path):
+        return _VOXELS
+    raise ReadError(f"{path} is compressed with gzip, but is no NIfTI volume; unpack it first.")
 
 
 _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (
@@ -106,6 +127,10 @@ _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]],
     (lambda start: re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None, lambda *_: _MESH),
     (lambda start: start.startswith(b"glTF"), lambda *_: _MESH),
     (lambda start: start.startswith(b"solid") and b"facet" in start, lambda *_: _MESH),
-    (lambda start: start.startswith((b"LASF", b"\x93NUMPY", b"# .PCD")), lambda *_: _POINTS),
+    (lambda start: start.startswith(b"\x93NUMPY"), _numpy),
+    (lambda start: start.startswith(b"\x1f\x8b"), _gzip),
+    (lambda start: start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2", lambda *_: _VOXELS),
+    (lambda start: start.startswith((b"NRRD0", b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), lambda *_: _VOXELS),
+    (lambda start: start.startswith((b"LASF", b"# .PCD")), lambda *_: _POINTS),
     (lambda start: re.search(rb"^FIELDS .*\n(.*\n)*?DATA ", start, re.MULTILINE) is not None, lambda *_: _POINTS),
 )

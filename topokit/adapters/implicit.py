@@ -140,9 +140,7 @@ def _shape(source: object, bounds: Bounds | None, level: float, sign: int, setti
         low, high, notes = _grown(function)
     surface = ImplicitSurface(function, low, high, settings)
     field = FunctionField(function, low, high, settings.field_resolution, _CONNECTIVITY)
-    return Shape(
-        surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors
-    )
+    return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)
 
 
 def _opened(source: object, sign: int) -> tuple[str, Function]:
@@ -226,7 +224,9 @@ class ImplicitSurface:
         kept: list[tuple[Tensor, Tensor]] = []
         missing = self.settings.n_samples
         for _ in range(4):
-            starts, normals = (t.to(self.function.device, self.function.dtype) for t in grid_starts(grid, missing, generator))
+            starts, normals = (
+                t.to(self.function.device, self.function.dtype) for t in grid_starts(grid, missing, generator)
+            )
             points, is_on = project(self.function.value_and_gradient, starts, normals, 2 * grid.step)
             kept.append((points[is_on], normals[is_on]))
             missing -= int(is_on.sum())
@@ -248,7 +248,9 @@ class ImplicitSurface:
         return ExactAnswer(
             evidence=Evidence(
                 f"grids of {found.counts[0].n_cells} to {finest_count.n_cells} cells",
-                float(finest_count.euler_6), found.euler, time.perf_counter() - started,
+                float(finest_count.euler_6),
+                found.euler,
+                time.perf_counter() - started,
             ),
             components=components,
             closed=not faces,

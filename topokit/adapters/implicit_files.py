@@ -42,7 +42,7 @@ def read_network(path: Path) -> Function:
 
 
 def archive_kind(path: Path) -> str | None:
-    """"script", "export", "pickle", or None for something else, by the names in the archive."""
+    """ "script", "export", "pickle", or None for something else, by the names in the archive."""
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
             return "pickle" if file.read(1) == b"\x80" else None

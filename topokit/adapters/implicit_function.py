@@ -123,7 +123,9 @@ def _candidates(f: Function) -> list[tuple[torch.dtype, torch.device]]:
             if tensor.is_floating_point():
                 return [(tensor.dtype, tensor.device)]
     devices = [torch.device("cpu")] + ([torch.device("cuda")] if torch.cuda.is_available() else [])
-    return [(dtype, device) for device in devices for dtype in (torch.get_default_dtype(), torch.float32, torch.float64)]
+    return [
+        (dtype, device) for device in devices for dtype in (torch.get_default_dtype(), torch.float32, torch.float64)
+    ]
 
 
 class FunctionField(Field):

@@ -86,5 +86,7 @@ def median_step_at_crossings(values: Tensor) -> float:
     found = torch.cat(steps)
     found = found[found.isfinite()]
     if len(found) == 0:
-        raise InputError("the field has the same sign at all points of its grid, so it has no typical change: pass tau.")
+        raise InputError(
+            "the field has the same sign at all points of its grid, so it has no typical change: pass tau."
+        )
     return float(found.median())

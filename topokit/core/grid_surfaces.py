@@ -113,9 +113,7 @@ def _first_of_each(labels: NDArray[np.int32], count: int) -> Integers:
     return first
 
 
-def _sum_of_index(
-    mask: NDArray[np.bool_], connectivity: int, labels: NDArray[np.int32], count: int
-) -> Integers:
+def _sum_of_index(mask: NDArray[np.bool_], connectivity: int, labels: NDArray[np.int32], count: int) -> Integers:
     """Half of χ of each node's whole boundary; the padded grid's own border is no wall and is not counted for 0."""
     index = critical_index(torch.from_numpy(mask), connectivity).numpy().ravel()
     critical = np.flatnonzero((index != 0) & mask.ravel())

@@ -193,9 +193,7 @@ def implicit_curvature(gradient: Tensor, hessian: Tensor) -> tuple[Tensor, Tenso
     return form(adjugate) / square.square(), (square * trace - form(hessian)) / (2 * square**1.5)
 
 
-def grid_starts(
-    grid: FieldGrid, n_points: int, generator: torch.Generator
-) -> tuple[Tensor, Tensor]:
+def grid_starts(grid: FieldGrid, n_points: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     """`area_weighted_starts` of a `FieldGrid`, as positions in its frame."""
     starts, normals = area_weighted_starts(grid.values, n_points, grid.spacing, generator)
     return starts + starts.new_tensor(grid.origin), normals

@@ -1,0 +1,154 @@
+"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and the spacing of its axes or None."""
+
+from __future__ import annotations
+
+import gzip
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.errors import MissingDependencyError, ReadError, reading
+from topokit.files import head
+
+Spacing = tuple[float, float, float]
+Volume = tuple[NDArray[Any], Spacing | None]
+SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff", ".npy", ".npz")
+_HOW = 'pip install "topokit[volumes]"'
+
+
+def read_volume(path: Path) -> Volume:
+    """Array and spacing of a file, by content; the axes are in the order in which the format's reader gives them.
+
+    Raises:
+        ReadError: if the file is malformed or holds no 3-D array.
+        MissingDependencyError: if the format's reader is not installed.
+    """
+    reader = _reader(path)
+    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader"):
+        array, spacing = reader(path)
+    if array.ndim != 3:
+        raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected.")
+    return array, spacing
+
+
+def is_volume_file(path: Path) -> bool:
+    """Whether the content is a NIfTI, NRRD or TIFF file, or a NumPy file with a 3-D array and no points."""
+    beginning = head(path, 352)
+    if beginning.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        shapes = array_shapes(path)
+        return "points" not in shapes and any(len(shape) == 3 for shape in shapes.values())
+    return _magic(path, beginning) is not None
+
+
+def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays in a .npy or .npz file by lower-case name ("" for .npy), from their headers alone."""
+    with reading(path, "the NumPy reader"):
+        if not zipfile.is_zipfile(path):
+            with path.open("rb") as file:
+                return {"": _header_shape(file)}
+        with zipfile.ZipFile(path) as archive:
+            members = [name for name in archive.namelist() if name.endswith(".npy")]
+            shapes = {}
+            for name in members:
+                with archive.open(name) as file:
+                    shapes[name.removesuffix(".npy").lower()] = _header_shape(file)
+    return shapes
+
+
+def _header_shape(file: Any) -> tuple[int, ...]:
+    version = np.lib.format.read_magic(file)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    return tuple(read(file)[0])
+
+
+def _magic(path: Path, beginning: bytes) -> Callable[[Path], Volume] | None:
+    if beginning.startswith(b"\x1f\x8b"):
+        try:
+            with gzip.open(path) as file:
+                beginning = file.read(352)
+        except (OSError, EOFError):
+            return None
+    if beginning[344:347] in (b"n+1", b"ni1") or beginning[4:7] == b"n+2":
+        return _read_nifti
+    if beginning.startswith(b"NRRD"):
+        return _read_nrrd
+    if beginning.startswith((b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")):
+        return _read_tiff
+    return None
+
+
+def _reader(path: Path) -> Callable[[Path], Volume]:
+    beginning = head(path, 352)
+    if beginning.startswith(b"\x93NUMPY"):
+        return _read_npy
+    if beginning.startswith(b"PK\x03\x04"):
+        return _read_npz
+    found = _magic(path, beginning)
+    if found is None:
+        raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(SUFFIXES)}.")
+    return found
+
+
+def _read_npy(path: Path) -> Volume:
+    return np.load(path, allow_pickle=False), None
+
+
+def _read_npz(path: Path) -> Volume:
+    with np.load(path, allow_pickle=False) as archive:
+        shapes = array_shapes(path)
+        volumes = [name for name in archive.files if len(shapes.get(name.lower(), ())) == 3]
+        if len(volumes) != 1:
+            held = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+            raise ReadError(f"{path} holds {held}; exactly one array with three axes was expected.")
+        spacing = np.ravel(archive["spacing"]).astype(float) if "spacing" in archive.files else None
+        if spacing is not None and len(spacing) not in (1, 3):
+            raise ReadError(f"{path}: 'spacing' holds {len(spacing)} numbers; 1 or 3 were expected.")
+        return archive[volumes[0]], None if spacing is None else _triple(np.broadcast_to(spacing, 3))
+
+
+def _read_nifti(path: Path) -> Volume:
+    try:
+        import nibabel
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
+    image = nibabel.Nifti1Image.from_bytes(_bytes(path)) if head(path, 7)[4:7] != b"n+2" else nibabel.load(path)
+    array = np.asanyarray(image.dataobj)
+    if array.ndim == 4 and array.shape[3] == 1:
+        array = array[..., 0]
+    return array, _triple(image.header.get_zooms()[:3])
+
+
+def _bytes(path: Path) -> bytes:
+    beginning = head(path, 2)
+    if beginning == b"\x1f\x8b":
+        with gzip.open(path) as file:
+            return file.read()
+    return path.read_bytes()
+
+
+def _read_nrrd(path: Path) -> Volume:
+    try:
+        import nrrd
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
+    array, header = nrrd.read(str(path))
+    if "space directions" in header:
+        return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
+    return array, _triple(header["spacings"]) if "spacings" in header else None
+
+
+def _read_tiff(path: Path) -> Volume:
+    try:
+        import tifffile
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .tif needs tifffile: {_HOW}.") from error
+    return tifffile.imread(path), None
+
+
+def _triple(values: Any) -> Spacing:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

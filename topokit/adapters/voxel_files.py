@@ -1,4 +1,4 @@
-"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and the spacing of its axes or None."""
+"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and its spacing or None."""
 
 from __future__ import annotations
 

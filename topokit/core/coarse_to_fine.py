@@ -57,7 +57,8 @@ def dense_grid(
 
     Args:
         evaluate: maps (N, 3) float64 positions to (N,) values, positive inside; called with bounded N.
-        low, high: corners of the box.
+        low: lowest corner of the box.
+        high: highest corner of the box.
         n_cells: cells along the longest side; the others get as many as keep the cells nearly cubic, at least 8.
     """
     sides = [b - a for a, b in zip(low, high, strict=True)]

@@ -100,7 +100,7 @@ def _nodes(padded: NDArray[np.bool_], connectivity: int) -> _Nodes:
     index_sum = _sum_of_index(padded, connectivity, labels, count) + _sum_of_index(
         ~padded, 32 - connectivity, labels, count
     )
-    boxes = [box for box in ndimage.find_objects(labels + 1)]
+    boxes = list(ndimage.find_objects(labels + 1))
     return _Nodes(labels, count, parent, np.argsort(first, kind="stable"), index_sum, boxes)
 
 

@@ -173,7 +173,8 @@ def implicit_curvature(gradient: Tensor, hessian: Tensor) -> tuple[Tensor, Tenso
         K (N,) in 1/length² and H (N,) in 1/length; a sphere of radius r has K = 1/r², H = 1/r.
 
     Reference:
-        R. Goldman, "Curvature formulas for implicit curves and surfaces", CAGD 22, 2005, doi:10.1016/j.cagd.2005.06.005.
+        R. Goldman, "Curvature formulas for implicit curves and surfaces", CAGD 22, 2005,
+        doi:10.1016/j.cagd.2005.06.005.
     """
     first, second, third = hessian.unbind(-2)
     adjugate = torch.stack(

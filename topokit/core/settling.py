@@ -77,9 +77,9 @@ def settle(
 
     The count is settled when both connectivities agree on one integer on the last three grids (or on all of them, where
     there are only two), no coarser grid was of one mind about another integer, and moving the level by a twentieth of
-    the field's change over one cell of the finest grid changes nothing. Of 22 trained networks whose topology depends
-    on the grid, 15 escape two agreeing grids, and none escapes all of this. Still no grid proves anything about what lies
-    between its points.
+    the field's change over one cell of the finest grid changes nothing. Two agreeing grids alone are not enough: see
+    docs/paper-shapes.md for trained networks whose topology depends on the grid. Still no grid proves anything about
+    what lies between its points.
 
     Args:
         grid: the coarsest grid.

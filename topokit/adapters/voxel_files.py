@@ -115,8 +115,13 @@ def _read_nifti(path: Path) -> Volume:
         import nibabel
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
-    image = nibabel.Nifti1Image.from_bytes(_bytes(path)) if head(path, 7)[4:7] != b"n+2" else nibabel.load(path)
-    array = np.asanyarray(image.dataobj)
+    data = _bytes(path)
+    kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
+    try:
+        image = kind.from_bytes(data)
+        array = np.asanyarray(image.dataobj)
+    except (nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
+        raise ReadError(f"{path} is not a readable .nii file: {error}.") from error
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     return array, _triple(image.header.get_zooms()[:3])
@@ -135,7 +140,10 @@ def _read_nrrd(path: Path) -> Volume:
         import nrrd
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
-    array, header = nrrd.read(str(path))
+    try:
+        array, header = nrrd.read(str(path))
+    except nrrd.NRRDError as error:
+        raise ReadError(f"{path} is not a readable .nrrd file: {error}.") from error
     if "space directions" in header:
         return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
     return array, _triple(header["spacings"]) if "spacings" in header else None
@@ -146,7 +154,10 @@ def _read_tiff(path: Path) -> Volume:
         import tifffile
     except ImportError as error:
         raise MissingDependencyError(f"Reading .tif needs tifffile: {_HOW}.") from error
-    return tifffile.imread(path), None
+    try:
+        return tifffile.imread(path), None
+    except tifffile.TiffFileError as error:
+        raise ReadError(f"{path} is not a readable .tif file: {error}.") from error
 
 
 def _triple(values: Any) -> Spacing:

@@ -42,9 +42,8 @@ def main() -> None:
     print("  " + next(reason for reason in cut.report().reasons if "border" in reason))
 
     mean = tk.from_voxels(volume, spacing=spacing, level=0.5).curvature().mean
-    print(
-        f"\nmean curvature, quartiles: {[round(q, 1) for q in mean.quantile(torch.tensor([0.25, 0.5, 0.75]).to(mean)).tolist()]} per mm"
-    )
+    quartiles = mean.quantile(torch.tensor([0.25, 0.5, 0.75], dtype=mean.dtype)).tolist()
+    print(f"\nmean curvature, quartiles: {', '.join(f'{value:.1f}' for value in quartiles)} per mm")
 
 
 if __name__ == "__main__":

@@ -181,6 +181,12 @@ def test_settings_are_checked(numbers):
         tk.from_sdf(ball, BOX, **numbers)
 
 
+def test_networks_that_answer_differently_each_time_are_refused():
+    net = nn.Sequential(nn.Linear(3, 8), nn.Dropout(0.5), nn.Linear(8, 1))
+    with pytest.raises(tk.TopokitError, match=r"Dropout.*eval"):
+        tk.from_sdf(net)
+
+
 # files
 
 

@@ -17,6 +17,7 @@ from topokit.files import existing_file
 from topokit.shape import Shape
 
 _LOOK = 32  # cells of the grids that look for bounds
+_UNSTEADY = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 _DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
 
 
@@ -121,6 +122,13 @@ def _opened(source: object, sign: int) -> tuple[str, Function]:
     if isinstance(source, str | os.PathLike):
         path = existing_file(source)
         return path.name, read_network(path)
+    if isinstance(source, torch.nn.Module) and source.training:
+        unsteady = sorted({type(part).__name__ for part in source.modules() if isinstance(part, _UNSTEADY)})
+        if unsteady:
+            raise InputError(
+                f"the network is in training mode and has {', '.join(unsteady)}, so its values depend on chance or on "
+                "the other points of a batch: call .eval() on it first."
+            )
     if not callable(source):
         raise InputError(
             f"{caller} got {type(source).__name__}; expected a callable on (N, 3) tensors or the path of a network. "

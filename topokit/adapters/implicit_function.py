@@ -168,7 +168,7 @@ class FunctionField(Field):
 
     def values(self) -> Tensor:
         """F (X, Y, Z), positive inside; with a graph to the weights where gradients are on."""
-        parts = [self.function(points) for points in self.positions().split(self._CHUNK)]
+        parts = [self.function(points) for points in torch.split(self.positions(), self._CHUNK)]
         return torch.cat(parts).reshape(self.shape)
 
     def typical_change(self) -> float:
@@ -192,7 +192,7 @@ class FunctionField(Field):
         index = critical_index(values, self.connectivity).reshape(-1)
         critical = index.nonzero()[:, 0]
         positions = self.positions()[critical.cpu()]
-        exact = torch.cat([self.function(points) for points in positions.split(self._CHUNK)])
+        exact = torch.cat([self.function(points) for points in torch.split(positions, self._CHUNK)])
         return 2 * (index[critical] * torch.sigmoid(exact / tau)).sum()
 
 

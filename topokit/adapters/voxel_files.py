@@ -113,6 +113,8 @@ def _read_npz(path: Path) -> Volume:
 def _read_nifti(path: Path) -> Volume:
     try:
         import nibabel
+        from nibabel.filebasedimages import ImageFileError
+        from nibabel.spatialimages import HeaderDataError
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = _bytes(path)
@@ -120,7 +122,7 @@ def _read_nifti(path: Path) -> Volume:
     try:
         image = kind.from_bytes(data)
         array = np.asanyarray(image.dataobj)
-    except (nibabel.filebasedimages.ImageFileError, nibabel.spatialimages.HeaderDataError) as error:
+    except (ImageFileError, HeaderDataError) as error:
         raise ReadError(f"{path} is not a readable .nii file: {error}.") from error
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]

@@ -108,7 +108,7 @@ class VoxelField(Field):
 
     def is_anything_inside(self) -> bool:
         """Whether the solid has a voxel; looks at a few layers at a time."""
-        parts = self.volume.detach().split(_SLAB)
+        parts = torch.split(self.volume.detach(), _SLAB)
         return any(bool((part == self.label if self.label is not None else part > self.level).any()) for part in parts)
 
     def values(self) -> Tensor:
@@ -164,7 +164,7 @@ def _level(values: Tensor, level: float | None, label: int | None) -> tuple[floa
         return 0.0, (f"The solid is the voxels with label {label}.",)
     notes = []
     if values.is_floating_point():
-        n_broken = sum(int(part.isnan().sum()) for part in values.detach().split(_SLAB))
+        n_broken = sum(int(part.isnan().sum()) for part in torch.split(values.detach(), _SLAB))
         if n_broken:
             notes.append(f"{n_broken} voxels are NaN; they count as background.")
     if level is not None:
@@ -172,7 +172,9 @@ def _level(values: Tensor, level: float | None, label: int | None) -> tuple[floa
     if values.dtype == torch.bool:
         return 0.0, tuple(notes)
     low, high = _range(values)
-    if low < 0 or any(bool(((part != 0) & (part != high) & ~part.isnan()).any()) for part in values.split(_SLAB)):
+    if low < 0 or any(
+        bool(((part != 0) & (part != high) & ~part.isnan()).any()) for part in torch.split(values, _SLAB)
+    ):
         raise InputError(
             f"the volume has more than the two values of a binary one, from {low:g} to {high:g}: pass level=… "
             f"(inside is above it; {(low + high) / 2:g} would be half-way) or, for a labelled volume, label=…"
@@ -181,7 +183,7 @@ def _level(values: Tensor, level: float | None, label: int | None) -> tuple[floa
 
 
 def _range(values: Tensor) -> tuple[float, float]:
-    parts = [part[~part.isnan()] for part in values.detach().split(_SLAB)]
+    parts = [part[~part.isnan()] for part in torch.split(values.detach(), _SLAB)]
     parts = [part for part in parts if part.numel()]
     if not parts:
         raise InputError("all voxels are NaN.")

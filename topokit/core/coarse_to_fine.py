@@ -63,9 +63,9 @@ def dense_grid(
     """
     sides = [b - a for a, b in zip(low, high, strict=True)]
     counts = [max(8, round(n_cells * side / max(sides))) for side in sides]
-    spacing = tuple(side / count for side, count in zip(sides, counts, strict=True))
+    spacing = (sides[0] / counts[0], sides[1] / counts[1], sides[2] / counts[2])
     shape = [count + 1 for count in counts]
-    grid = FieldGrid(torch.empty(shape), torch.ones(shape, dtype=torch.bool), tuple(low), spacing, 0)
+    grid = FieldGrid(torch.empty(shape), torch.ones(shape, dtype=torch.bool), low, spacing, 0)
     values = _evaluate_at(grid, evaluate, torch.arange(grid.values.numel()))
     return FieldGrid(values.reshape(shape), grid.known, grid.origin, grid.spacing, values.numel())
 
@@ -95,7 +95,7 @@ def refine(grid: FieldGrid, evaluate: Evaluate) -> FieldGrid:
 
 
 def _evaluate_at(grid: FieldGrid, evaluate: Evaluate, index: Tensor) -> Tensor:
-    parts = [evaluate(grid.positions(rows)).to("cpu", grid.values.dtype) for rows in index.split(_CHUNK)]
+    parts = [evaluate(grid.positions(rows)).to("cpu", grid.values.dtype) for rows in torch.split(index, _CHUNK)]
     return torch.cat(parts) if parts else grid.values.new_empty(0)
 
 
@@ -110,7 +110,7 @@ def _doubled(grid: FieldGrid) -> FieldGrid:
                 part.copy_(grid.values[: part.shape[0], : part.shape[1], : part.shape[2]])
     known = torch.zeros(shape, dtype=torch.bool)
     known[::2, ::2, ::2] = grid.known
-    spacing = tuple(step / 2 for step in grid.spacing)
+    spacing = (grid.spacing[0] / 2, grid.spacing[1] / 2, grid.spacing[2] / 2)
     return FieldGrid(values, known, grid.origin, spacing, grid.n_evaluations)
 
 

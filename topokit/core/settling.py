@@ -116,7 +116,11 @@ def settle(
 
 def reached_faces(values: Tensor) -> tuple[tuple[bool, bool], ...]:
     """For each axis, whether the solid reaches the first and the last layer of the grid (X, Y, Z)."""
-    return tuple(tuple(bool((values.select(axis, end) > 0).any()) for end in (0, -1)) for axis in range(3))
+
+    def reached(axis: int, end: int) -> bool:
+        return bool((values.select(axis, end) > 0).any())
+
+    return tuple((reached(axis, 0), reached(axis, -1)) for axis in range(3))
 
 
 def _both(grid: FieldGrid, level: float) -> tuple[int, int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import InputError, ReadError, UnknownFormatError
-from topokit.files import existing_file, head
+from topokit.files import array_shapes, existing_file, head, unpacked_head
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -108,17 +108,20 @@ def _zip(path: Path, beginning: bytes) -> _Entry:
 
 
 def _numpy(path: Path, beginning: bytes) -> _Entry:
-    from topokit.adapters.voxel_files import is_volume_file
-
-    return _VOXELS if is_volume_file(path) else _POINTS
+    """A 3-D array is a volume, unless the archive names points."""
+    shapes = array_shapes(path)
+    is_volume = "points" not in shapes and any(len(shape) == 3 for shape in shapes.values())
+    return _VOXELS if is_volume else _POINTS
 
 
 def _gzip(path: Path, beginning: bytes) -> _Entry:
-    from topokit.adapters.voxel_files import is_volume_file
-
-    if is_volume_file(path):
+    if _is_nifti(unpacked_head(path)):
         return _VOXELS
-    raise ReadError(f"{path} is compressed with gzip, but is no NIfTI volume; unpack it first.")
+    raise ReadError(f"{path} is compressed with gzip and holds no NIfTI volume; unpack it first.")
+
+
+def _is_nifti(start: bytes) -> bool:
+    return start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2"
 
 
 _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (
@@ -129,7 +132,7 @@ _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]],
     (lambda start: start.startswith(b"solid") and b"facet" in start, lambda *_: _MESH),
     (lambda start: start.startswith(b"\x93NUMPY"), _numpy),
     (lambda start: start.startswith(b"\x1f\x8b"), _gzip),
-    (lambda start: start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2", lambda *_: _VOXELS),
+    (_is_nifti, lambda *_: _VOXELS),
     (lambda start: start.startswith((b"NRRD0", b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), lambda *_: _VOXELS),
     (lambda start: start.startswith((b"LASF", b"# .PCD")), lambda *_: _POINTS),
     (lambda start: re.search(rb"^FIELDS .*\n(.*\n)*?DATA ", start, re.MULTILINE) is not None, lambda *_: _POINTS),

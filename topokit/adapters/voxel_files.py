@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.files import head
+from topokit.files import array_shapes, head, unpacked_head
 
 Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
@@ -35,62 +34,12 @@ def read_volume(path: Path) -> Volume:
     return array, spacing
 
 
-def is_volume_file(path: Path) -> bool:
-    """Whether the content is a NIfTI, NRRD or TIFF file, or a NumPy file with a 3-D array and no points."""
-    beginning = head(path, 352)
-    if beginning.startswith((b"\x93NUMPY", b"PK\x03\x04")):
-        shapes = array_shapes(path)
-        return "points" not in shapes and any(len(shape) == 3 for shape in shapes.values())
-    return _magic(path, beginning) is not None
-
-
-def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Shapes of the arrays in a .npy or .npz file by lower-case name ("" for .npy), from their headers alone."""
-    with reading(path, "the NumPy reader"):
-        if not zipfile.is_zipfile(path):
-            with path.open("rb") as file:
-                return {"": _header_shape(file)}
-        with zipfile.ZipFile(path) as archive:
-            members = [name for name in archive.namelist() if name.endswith(".npy")]
-            shapes = {}
-            for name in members:
-                with archive.open(name) as file:
-                    shapes[name.removesuffix(".npy").lower()] = _header_shape(file)
-    return shapes
-
-
-def _header_shape(file: Any) -> tuple[int, ...]:
-    version = np.lib.format.read_magic(file)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    return tuple(read(file)[0])
-
-
-def _magic(path: Path, beginning: bytes) -> Callable[[Path], Volume] | None:
-    if beginning.startswith(b"\x1f\x8b"):
-        try:
-            with gzip.open(path) as file:
-                beginning = file.read(352)
-        except (OSError, EOFError):
-            return None
-    if beginning[344:347] in (b"n+1", b"ni1") or beginning[4:7] == b"n+2":
-        return _read_nifti
-    if beginning.startswith(b"NRRD"):
-        return _read_nrrd
-    if beginning.startswith((b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")):
-        return _read_tiff
-    return None
-
-
 def _reader(path: Path) -> Callable[[Path], Volume]:
-    beginning = head(path, 352)
-    if beginning.startswith(b"\x93NUMPY"):
-        return _read_npy
-    if beginning.startswith(b"PK\x03\x04"):
-        return _read_npz
-    found = _magic(path, beginning)
-    if found is None:
-        raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(SUFFIXES)}.")
-    return found
+    beginning = unpacked_head(path)
+    for looks_like, reader in _BY_CONTENT:
+        if looks_like(beginning):
+            return reader
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(SUFFIXES)}.")
 
 
 def _read_npy(path: Path) -> Volume:
@@ -165,3 +114,12 @@ def _read_tiff(path: Path) -> Volume:
 def _triple(values: Any) -> Spacing:
     x, y, z = (float(value) for value in values)
     return x, y, z
+
+
+_BY_CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path], Volume]], ...] = (
+    (lambda start: start.startswith(b"\x93NUMPY"), _read_npy),
+    (lambda start: start.startswith(b"PK\x03\x04"), _read_npz),
+    (lambda start: start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2", _read_nifti),
+    (lambda start: start.startswith(b"NRRD"), _read_nrrd),
+    (lambda start: start.startswith((b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), _read_tiff),
+)

@@ -61,6 +61,7 @@ def grid_surfaces(
     nodes = _nodes(np.pad(cropped.cpu().numpy(), 1), connectivity)
     euler, depth = _walls(nodes)
     areas = _wall_areas(nodes, spacing, depth)
+    whole_area = areas.sum()
     ranked = sorted(range(1, nodes.count), key=lambda node: -areas[node])
     rank = {node: place for place, node in enumerate(ranked)}
     first = [low[axis] - 1.5 for axis in range(3)]  # the padded grid's corner, in voxels
@@ -77,7 +78,7 @@ def grid_surfaces(
             genus=(2 - int(euler[node])) // 2,
             boundary_loops=0,
             bounds=(corners[0], corners[1]),
-            area_share=float(areas[node] / areas.sum()),
+            area_share=float(areas[node] / whole_area),
             inside=rank[above] if above else None,
             depth=int(depth[node]) - 1,
         )

@@ -13,6 +13,7 @@ import topokit as tk
 from topokit.adapters.implicit_surface import analytic_curvature
 from topokit.core.coarse_to_fine import dense_grid, refine
 from topokit.core.curvature import surface_curvature
+from topokit.core.field import Field
 from topokit.core.gauss_bonnet import euler_characteristic
 from topokit.core.grid_euler import solid_euler
 from topokit.core.level_set import ImplicitPoint, area_weighted_starts, implicit_curvature, project
@@ -187,6 +188,20 @@ def test_networks_that_answer_differently_each_time_are_refused():
         tk.from_sdf(net)
 
 
+def test_progress_is_shown_to_who_waits(monkeypatch, capsys):
+    monkeypatch.setattr("topokit.adapters.implicit_progress._PATIENCE", 0.0)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    shape = tk.from_sdf(torus, BOX, **ROUGH)
+    shape.report()
+    assert "grid of 128 cells" in capsys.readouterr().err
+    assert shape.field.function.f is torus
+
+
+def test_half_precision_is_noted():
+    report = tk.from_sdf(network(nn.Softplus(10), torch.bfloat16), BOX, **ROUGH).report()
+    assert "bfloat16" in report.reasons[0]
+
+
 # files
 
 
@@ -308,7 +323,7 @@ def test_field_gradient_in_the_weights_gradcheck(activation):
 
 def test_field_euler_is_that_of_the_whole_grid():
     field = tk.from_sdf(network(nn.Softplus(10)), BOX, field_resolution=20).field
-    whole = super(type(field), field).smoothed_euler(0.05)
+    whole = Field.smoothed_euler(field, 0.05)
     sparse = field.smoothed_euler(0.05)
     assert float(sparse) == pytest.approx(float(whole), abs=1e-9)
     weights = list(field.function.f.parameters())

@@ -112,6 +112,8 @@ def _shape(source: object, bounds: Bounds | None, level: float, sign: int, setti
     notes: tuple[str, ...] = ()
     if bounds is None:
         low, high, notes = _grown(function)
+    if function.dtype.itemsize < 4:
+        notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     surface = ImplicitSurface(function, low, high, settings)
     field = FunctionField(function, low, high, settings.field_resolution, CONNECTIVITY)
     return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from topokit.core.field import Field
-from topokit.core.grid_euler import critical_index
+from topokit.core.field import Field, checked_tau, median_step_at_crossings
+from topokit.core.grid_euler import critical_index, solid_euler
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
 
@@ -173,27 +173,32 @@ class FunctionField(Field):
 
     def typical_change(self) -> float:
         """See `Field.typical_change`."""
-        with torch.no_grad():
-            return super().typical_change()
+        return median_step_at_crossings(self._detached())
 
     def exact_euler(self) -> Tensor:
         """See `Field.exact_euler`."""
-        with torch.no_grad():
-            return super().exact_euler()
-
-    def euler(self, tau: float | None = None) -> Tensor:
-        """See `Field.euler`; the grid is evaluated once."""
-        return super().euler(tau)
+        return 2 * solid_euler(self._detached(), connectivity=self.connectivity)
 
     def smoothed_euler(self, tau: float) -> Tensor:
         """See `Field.smoothed_euler`."""
+        return self._smoothed(self._detached(), tau)
+
+    def euler(self, tau: float | None = None) -> Tensor:
+        """See `Field.euler`; the grid is evaluated once, whether or not τ is given."""
+        values = self._detached()
+        tau = checked_tau(median_step_at_crossings(values) if tau is None else tau)
+        return self._smoothed(values, tau) if tau > 0 else 2 * solid_euler(values, connectivity=self.connectivity)
+
+    def _detached(self) -> Tensor:
         with torch.no_grad():
-            values = self.values()
+            return self.values()
+
+    def _smoothed(self, values: Tensor, tau: float) -> Tensor:
         index = critical_index(values, self.connectivity).reshape(-1)
         critical = index.nonzero()[:, 0]
         positions = self.positions()[critical.cpu()]
-        exact = torch.cat([self.function(points) for points in torch.split(positions, self._CHUNK)])
-        return 2 * (index[critical] * torch.sigmoid(exact / tau)).sum()
+        again = torch.cat([self.function(points) for points in torch.split(positions, self._CHUNK)])
+        return 2 * (index[critical] * torch.sigmoid(again / tau)).sum()
 
 
 def outward(gradient: Tensor, otherwise: Tensor) -> Tensor:

@@ -64,11 +64,19 @@ class Field(ABC):
         Raises:
             InputError: if τ is negative or not finite.
         """
-        if tau is None:
-            tau = self.typical_change()
-        if not 0 <= tau < float("inf"):
-            raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
+        tau = checked_tau(self.typical_change() if tau is None else tau)
         return self.smoothed_euler(tau) if tau > 0 else self.exact_euler()
+
+
+def checked_tau(tau: float) -> float:
+    """τ itself.
+
+    Raises:
+        InputError: if it is negative or not finite.
+    """
+    if not 0 <= tau < float("inf"):
+        raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
+    return tau
 
 
 def median_step_at_crossings(values: Tensor) -> float:

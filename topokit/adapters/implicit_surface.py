@@ -198,15 +198,15 @@ def _reasons(found: SettledCount, faces: list[str], likely: bool) -> tuple[str, 
         )
     if found.is_settled:
         lines.append(
-            f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by a "
-            "twentieth of a cell's change; separate parts smaller than a cell of the first grid "
+            f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
+            "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
             f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
         )
     else:
         seen = sorted({value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.moved))
         lines.append(
             f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
-            "those with the level moved by a twentieth of a cell's change included; features near "
+            "those with the level moved by up to a tenth of a cell's change included; features near "
             f"{counts[-1].step:.3g} decide."
         )
     if not likely and found.is_settled and not faces:

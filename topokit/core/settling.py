@@ -47,8 +47,8 @@ class SettledCount:
         euler: the integer that was seen most often in either connectivity, the coarsest grid aside; of several
             the one seen on the finest grid.
         is_settled: whether that integer may be believed, see `settle`.
-        moved: the integers that the finest grid shows with the level moved to and fro by a twentieth of the field's
-            typical change over one of its cells.
+        moved: the integers that the last two grids show with the level moved to and fro by a twentieth and a tenth of
+            the field's typical change over one of their cells.
         faces: for each axis, whether the solid reaches the lower and the upper face of the box.
         grid: the coarsest grid that shows `euler` in both connectivities, else the finest that may be kept.
         n_evaluations: points at which the field was evaluated.
@@ -67,7 +67,7 @@ class SettledCount:
 
 _KEPT_CELLS = 256  # grids beyond this are counted, not kept: labels of their components would take gigabytes
 _SUCCESSIVE = 3  # grids in a row that must agree
-_MARGIN = 0.05  # share of the field's change over one cell by which the level may move without changing the answer
+_SHIFTS = (-0.1, -0.05, 0.05, 0.1)  # shares of the field's change over one cell by which the level is moved
 
 
 def settle(
@@ -76,10 +76,10 @@ def settle(
     """Count χ on grids of twice, four times, ... the cells.
 
     The count is settled when both connectivities agree on one integer on the last three grids (or on all of them, where
-    there are only two), no coarser grid was of one mind about another integer, and moving the level by a twentieth of
-    the field's change over one cell of the finest grid changes nothing. Two agreeing grids alone are not enough: see
-    docs/paper-shapes.md for trained networks whose topology depends on the grid. Still no grid proves anything about
-    what lies between its points.
+    there are only two), no coarser grid was of one mind about another integer, and moving the level by a twentieth or a
+    tenth of the field's change over one cell changes nothing on the last two grids. Two agreeing grids alone are not
+    enough: see docs/paper-shapes.md for trained networks whose topology depends on the grid. Still no grid proves
+    anything about what lies between its points.
 
     Args:
         grid: the coarsest grid.
@@ -89,15 +89,17 @@ def settle(
     """
     counts: list[GridCount] = []
     kept: list[FieldGrid] = []
+    before: tuple[int, ...] = ()
     for one in _grids(grid, evaluate, finest):
         grid = one
         counts.append(GridCount(one.n_cells, one.step, *_both(one, 0.0)))
         if one.n_cells <= _KEPT_CELLS or not kept:
             kept.append(one)
+        if finest // 4 < one.n_cells <= finest // 2:
+            before = _moved(one)
         advance(one)
     euler = _most_frequent(counts)
-    margin = _MARGIN * median_step_at_crossings(grid.values)
-    moved = tuple(value for level in (-margin, margin) for value in _both(grid, level))
+    moved = (*before, *_moved(grid))
     last = counts[-_SUCCESSIVE:]
     agreed = {count.euler_26 for count in counts if count.agrees}
     settled = len(last) > 1 and all(count.agrees for count in last) and agreed == {euler} == set(moved)
@@ -121,6 +123,11 @@ def reached_faces(values: Tensor) -> tuple[tuple[bool, bool], ...]:
         return bool((values.select(axis, end) > 0).any())
 
     return tuple((reached(axis, 0), reached(axis, -1)) for axis in range(3))
+
+
+def _moved(grid: FieldGrid) -> tuple[int, ...]:
+    change = median_step_at_crossings(grid.values)
+    return tuple(value for shift in _SHIFTS for value in _both(grid, shift * change))
 
 
 def _both(grid: FieldGrid, level: float) -> tuple[int, int]:

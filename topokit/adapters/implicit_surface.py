@@ -81,13 +81,13 @@ class ImplicitSurface:
         with torch.enable_grad():
             value = self.function(points)
             if not value.requires_grad:
-                return SurfaceSamples(points, outward(gradient, fallback))
+                return _at_least_float32(points, outward(gradient, fallback))
             flat = (gradient == 0).all(-1)
             moved = ImplicitPoint.apply(
                 torch.where(flat, value.detach() * 0, value), points, torch.where(flat[:, None], 1.0, gradient)
             )
             _, slope = self.function.value_and_gradient(moved, create_graph=True)
-            return SurfaceSamples(moved, outward(slope, fallback))
+            return _at_least_float32(moved, outward(slope, fallback))
 
     def _points(self, grid: FieldGrid) -> tuple[Tensor, Tensor]:
         """Projected points, and the grid's normals at them; places where projection fails are drawn anew."""
@@ -132,6 +132,12 @@ class ImplicitSurface:
         )
 
 
+def _at_least_float32(points: Tensor, normals: Tensor) -> SurfaceSamples:
+    """Half precision is enough for some networks, but not for differences of neighbouring points."""
+    dtype = torch.promote_types(points.dtype, torch.float32)
+    return SurfaceSamples(points.to(dtype), normals.to(dtype))
+
+
 def analytic_curvature(shape: Shape) -> tuple[Tensor, Tensor]:
     """K and H at the samples of a `from_sdf` or `from_occupancy` shape, from the Hessian of its function.
 
@@ -146,7 +152,8 @@ def analytic_curvature(shape: Shape) -> tuple[Tensor, Tensor]:
     """
     if not isinstance(shape.field, FunctionField):
         raise InputError(f"{shape.name} was not made by from_sdf or from_occupancy, so it has no Hessian.")
-    points, function = shape.samples.points.detach(), shape.field.function
+    function = shape.field.function
+    points = shape.samples.points.detach().to(function.dtype)
     _, gradient = function.value_and_gradient(points)
     return implicit_curvature(-gradient, -function.hessian(points))
 

@@ -218,7 +218,10 @@ def test_nothing_is_left_behind_by_a_report() -> None:
 
 def test_overlapping_parts_are_said_with_the_solid_they_make() -> None:
     vertices, faces = icosphere(3)
-    double = np.concatenate((vertices, vertices + np.array([1.0, 0, 0]))), np.concatenate((faces, faces + len(vertices)))
+    double = (
+        np.concatenate((vertices, vertices + np.array([1.0, 0, 0]))),
+        np.concatenate((faces, faces + len(vertices))),
+    )
     report = tk.from_mesh(double).report()
     assert (report.euler, report.verdict) == (4, "certain")
     assert any("intersects or overlaps itself" in reason and "χ = 2." in reason for reason in report.reasons)

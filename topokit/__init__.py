@@ -6,10 +6,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from topokit.adapters.implicit import from_occupancy, from_sdf
     from topokit.adapters.mesh import from_mesh
     from topokit.adapters.points import from_points
     from topokit.adapters.splats.adapter import from_splats
     from topokit.adapters.splats.gaussians import GaussianSplats
+    from topokit.adapters.voxels import from_voxels
     from topokit.core.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
@@ -28,8 +30,11 @@ _HOME = {
     "TopokitError": "topokit.errors",
     "TopologyReport": "topokit.report",
     "from_mesh": "topokit.adapters.mesh",
+    "from_occupancy": "topokit.adapters.implicit",
     "from_points": "topokit.adapters.points",
+    "from_sdf": "topokit.adapters.implicit",
     "from_splats": "topokit.adapters.splats.adapter",
+    "from_voxels": "topokit.adapters.voxels",
     "load": "topokit.registry",
 }
 
@@ -42,8 +47,11 @@ __all__ = [
     "TopokitError",
     "TopologyReport",
     "from_mesh",
+    "from_occupancy",
     "from_points",
+    "from_sdf",
     "from_splats",
+    "from_voxels",
     "load",
 ]
 

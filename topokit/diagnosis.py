@@ -74,10 +74,10 @@ def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured
         closed=closed,
         verdict=exact.verdict,
         reasons=reasons,
-        evidence=(exact.evidence, *measured.evidence),
+        evidence=(exact.evidence, *exact.further, *measured.evidence),
         estimate=measured.estimate,
         refined=measured.refined,
-        resolution=None,
+        resolution=exact.resolution,
         per_component=components,
     )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import InputError, ReadError, UnknownFormatError
-from topokit.files import existing_file, file_of_folder, head
+from topokit.files import array_shapes, existing_file, file_of_folder, head, unpacked_head
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -39,7 +39,10 @@ _POINTS = _Entry(
     (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc", ".npy", ".npz", ".pcd", ".las", ".laz", ".ply"),
 )
 _SPLATS = _Entry("splats", "topokit.adapters.splats.adapter:from_splats", (".splat", ".spz", ".sog", ".ksplat", ".ply"))
-_TABLE = {entry.name: entry for entry in (_MESH, _POINTS, _SPLATS)}
+_SDF = _Entry("sdf", "topokit.adapters.implicit:from_sdf", (".pt", ".pth", ".pt2", ".ts"))
+_OCCUPANCY = _Entry("occupancy", "topokit.adapters.implicit:from_occupancy", ())
+_VOXELS = _Entry("voxels", "topokit.adapters.voxels:from_voxels", (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff"))
+_TABLE = {entry.name: entry for entry in (_MESH, _POINTS, _SPLATS, _SDF, _OCCUPANCY, _VOXELS)}
 
 
 def load(source: str | os.PathLike[str], *, adapter: str | None = None, **options: Any) -> Shape:
@@ -47,7 +50,7 @@ def load(source: str | os.PathLike[str], *, adapter: str | None = None, **option
 
     Args:
         source: path of the file, or of the folder of an unzipped .sog.
-        adapter: name of an adapter ("mesh", "points", "splats") that settles the choice.
+        adapter: name of an adapter ("mesh", "points", "splats", "sdf", "occupancy", "voxels") that settles the choice.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:
@@ -88,9 +91,8 @@ def _accepted(entry: _Entry, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def _is_splats(path: Path, beginning: bytes) -> bool:
-    from topokit.adapters.splats.formats import reader_by_content
-
-    return reader_by_content(path, beginning) is not None
+    formats = importlib.import_module("topokit.adapters.splats.formats")
+    return formats.reader_by_content(path, beginning) is not None
 
 
 def _ply(path: Path, beginning: bytes) -> _Entry:
@@ -103,10 +105,30 @@ def _zip(path: Path, beginning: bytes) -> _Entry:
     if b"3D/" in beginning or b"[Content_Types].xml" in beginning:
         return _MESH
     if b".npy" in beginning:
-        return _POINTS
+        return _numpy(path, beginning)
+    if b".pkl" in beginning or path.suffix.lower() in _SDF.suffixes:
+        return _SDF
     raise ReadError(
-        f"{path} is a zip archive, but neither a 3MF model, a NumPy archive nor a .sog scene; unpack it first."
+        f"{path} is a zip archive, but neither a 3MF model nor a NumPy archive, nor a .sog scene, nor a network; "
+        "unpack it first."
     )
+
+
+def _numpy(path: Path, beginning: bytes) -> _Entry:
+    """A 3-D array is a volume, unless the archive names points."""
+    shapes = array_shapes(path)
+    is_volume = "points" not in shapes and any(len(shape) == 3 for shape in shapes.values())
+    return _VOXELS if is_volume else _POINTS
+
+
+def _gzip(path: Path, beginning: bytes) -> _Entry:
+    if _is_nifti(unpacked_head(path)):
+        return _VOXELS
+    raise ReadError(f"{path} is compressed with gzip and holds no NIfTI volume; unpack it first.")
+
+
+def _is_nifti(start: bytes) -> bool:
+    return start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2"
 
 
 _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (
@@ -115,6 +137,10 @@ _CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]],
     (lambda start: re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None, lambda *_: _MESH),
     (lambda start: start.startswith(b"glTF"), lambda *_: _MESH),
     (lambda start: start.startswith(b"solid") and b"facet" in start, lambda *_: _MESH),
-    (lambda start: start.startswith((b"LASF", b"\x93NUMPY", b"# .PCD")), lambda *_: _POINTS),
+    (lambda start: start.startswith(b"\x93NUMPY"), _numpy),
+    (lambda start: start.startswith(b"\x1f\x8b"), _gzip),
+    (_is_nifti, lambda *_: _VOXELS),
+    (lambda start: start.startswith((b"NRRD0", b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), lambda *_: _VOXELS),
+    (lambda start: start.startswith((b"LASF", b"# .PCD")), lambda *_: _POINTS),
     (lambda start: re.search(rb"^FIELDS .*\n(.*\n)*?DATA ", start, re.MULTILINE) is not None, lambda *_: _POINTS),
 )

@@ -39,6 +39,8 @@ class ExactAnswer:
         boundary_loops: closed boundary curves in all, or None if they were not counted.
         verdict: what the answer may be called.
         reasons: plain sentences.
+        resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
+        further: other witnesses that were heard.
     """
 
     evidence: Evidence
@@ -47,6 +49,8 @@ class ExactAnswer:
     boundary_loops: int | None
     verdict: Verdict
     reasons: tuple[str, ...]
+    resolution: float | None = None
+    further: tuple[Evidence, ...] = ()
 
 
 @dataclass(frozen=True)

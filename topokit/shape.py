@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from typing import Literal
 
-import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.boundary import BoundaryCurve, boundary_curves, euler_of_boundary, rim_points
+from topokit.core.boundary import euler_of_boundary
 from topokit.core.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
 from topokit.core.enclosed_solid import enclosed_solid
+from topokit.core.field import Field, euler_of_field
 from topokit.core.gauss_bonnet import euler_characteristic
 from topokit.core.refine import corrected, self_optimize
-from topokit.core.samples import SurfaceSamples
+from topokit.core.samples import SurfaceSamples, enough_samples
 from topokit.core.voronoi import AreaMethod
 from topokit.core.weingarten import Solver
-from topokit.core.witness import Witness, global_witness
+from topokit.core.witness import Witness
 from topokit.diagnosis import Measured, exact_report, sampled_report
 from topokit.errors import GenusError, InputError
 from topokit.report import Evidence, ExactAnswer, TopologyReport
+from topokit.witnesses import Answer, ask_witnesses, boundary_by_item, outward_samples, vote_evidence
+
+EulerMethod = Literal["gauss-bonnet", "field"]
 
 
 class Shape:
@@ -28,6 +33,7 @@ class Shape:
     Attributes:
         samples: points with normals, frames and areas as far as known.
         exact: combinatorial answer, or None.
+        field: the scalar field that the shape is given by, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) where the shape was made from a mesh, or None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; they become reasons in the report.
@@ -36,32 +42,42 @@ class Shape:
 
     def __init__(
         self,
-        samples: SurfaceSamples,
-        exact: ExactAnswer | None = None,
+        samples: SurfaceSamples | Callable[[], SurfaceSamples],
+        exact: ExactAnswer | Callable[[], ExactAnswer] | None = None,
         *,
+        field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = "shape",
         notes: tuple[str, ...] = (),
         n_neighbors: int = DEFAULT_NEIGHBORS,
     ) -> None:
-        if not isinstance(samples, SurfaceSamples):
-            raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
-        if samples.n_points <= n_neighbors:
-            raise InputError(
-                f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
-                f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
-            )
-        self.samples = samples
-        self.exact = exact
+        self.field = field
         self.mesh = mesh
         self.name = name
         self.notes = notes
         self.n_neighbors = n_neighbors
-        self._witnessed: list[Witness | InputError] | None = None
+        self._exact = exact
+        self._samples = samples if callable(samples) else enough_samples(samples, n_neighbors, name)
+        self._witnessed: list[Answer] | None = None
+
+    @property
+    def samples(self) -> SurfaceSamples:
+        """The samples; where making them is work, this is done when they are first asked for."""
+        if callable(self._samples):
+            self._samples = enough_samples(self._samples(), self.n_neighbors, self.name)
+        return self._samples
+
+    @property
+    def exact(self) -> ExactAnswer | None:
+        """The combinatorial answer, found when it is first asked for, or None."""
+        if callable(self._exact):
+            self._exact = self._exact()
+        return self._exact
 
     def __repr__(self) -> str:
-        known = "exact, " if self.exact else ""
-        return f"Shape({self.name!r}, {known}{tuple(self.samples.points.shape)} samples)"
+        known = "exact, " if self._exact else ""
+        count = "no samples yet" if callable(self._samples) else f"{tuple(self._samples.points.shape)} samples"
+        return f"Shape({self.name!r}, {known}{count})"
 
     def curvature(
         self,
@@ -99,6 +115,8 @@ class Shape:
         target: Tensor | float | None = None,
         solver: Solver = "sylvester",
         max_steps: int = 20,
+        method: EulerMethod = "gauss-bonnet",
+        tau: float | None = None,
     ) -> Tensor:
         """Differentiable Euler characteristic by Gauss–Bonnet: χ⁽ᴷ⁾ (Algorithm 2 whole), or χ⁽⁰⁾ with `refine=False`.
 
@@ -114,13 +132,25 @@ class Shape:
                 Without either (planes, lines, ...) nothing is refined.
             solver: see `topokit.core.weingarten`.
             max_steps: of the self-optimisation.
+            method: "gauss-bonnet", or "field": χ averaged over levels within about `tau` of the field's own, on its own
+                grid and in its connectivity. Only this one has a gradient that moves the topology; the arguments
+                above mean nothing to it.
+            tau: for "field", in units of the field; by default its typical change over one cell. 0 gives the exact
+                integer of the grid, without a gradient.
 
         Returns:
-            0-d tensor (or (...,) for batched samples), differentiable with respect to points and normals.
+            0-d tensor (or (...,) for batched samples), differentiable with respect to whatever the shape was made from.
+
+        Raises:
+            InputError: for an unknown method, or "field" for a shape without a field.
 
         Reference:
             Paper, equation `euler` and Algorithm 2.
         """
+        if method == "field":
+            return euler_of_field(self.field, tau, self.name)
+        if method != "gauss-bonnet" or tau is not None:
+            raise InputError(f"method={method!r} with tau={tau}: use 'gauss-bonnet' without tau, or 'field'.")
         k = n_neighbors or self.n_neighbors
         local = surface_curvature(self.samples, k, solver=solver)
         boundary = self._boundary(local)
@@ -185,14 +215,20 @@ class Shape:
                 raise found
         samples = self._with_normals(self.curvature())
         return Shape(
-            samples, self.exact, mesh=self.mesh, name=self.name, notes=self.notes, n_neighbors=self.n_neighbors
+            samples,
+            self._exact,
+            field=self.field,
+            mesh=self.mesh,
+            name=self.name,
+            notes=self.notes,
+            n_neighbors=self.n_neighbors,
         )
 
     @torch.no_grad()
     def _measure(self, refine: bool) -> Measured:
         started = time.perf_counter()
         local = self.curvature()
-        curves = () if self._is_exactly_closed() else self._curves(local)[0]
+        curves = () if self._is_exactly_closed() else boundary_by_item(self.samples, local)[0]
         estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(curves)
         evidence = [Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)]
         witness, refusal = None, ""
@@ -200,7 +236,7 @@ class Shape:
             found = self._witnesses()[0]
             witness, refusal = (None, str(found)) if isinstance(found, InputError) else (found, "")
         if witness is not None:
-            evidence += _votes(witness)
+            evidence += vote_evidence(witness)
         refined = None
         if refine:
             started = time.perf_counter()
@@ -215,45 +251,21 @@ class Shape:
         return Measured(local, curves, estimate, refined, witness, refusal, tuple(evidence), solid)
 
     def _is_exactly_closed(self) -> bool:
-        return self.exact is not None and self.exact.closed
-
-    def _curves(self, local: Curvature) -> list[tuple[BoundaryCurve, ...]]:
-        """Boundary curves per batch item, from the geometry of the points alone."""
-        found = []
-        k = local.neighbors.shape[-1]
-        for item, points in enumerate(self.samples.points.detach().reshape(-1, self.samples.n_points, 3)):
-            rows = slice(item * len(points), (item + 1) * len(points))
-            neighbors = local.neighbors[rows] - item * len(points)
-            with torch.no_grad():
-                plain = surface_curvature(SurfaceSamples(points), k, neighbors=neighbors)
-            spacing = float(plain.area.mean().sqrt())
-            rim = rim_points(points, plain.normals, neighbors)
-            found.append(boundary_curves(points, plain.normals, rim, spacing))
-        return found
+        """Known without work: for a shape that is given by a field the samples are asked, not the counting."""
+        return self.field is None and self.exact is not None and self.exact.closed
 
     def _boundary(self, local: Curvature) -> Tensor:
         """The boundary's share of χ, (...)."""
         lead = self.samples.points.shape[:-2]
         if self._is_exactly_closed():
             return local.area.new_zeros(lead)
-        shares = [euler_of_boundary(curves) for curves in self._curves(local)]
+        shares = [euler_of_boundary(curves) for curves in boundary_by_item(self.samples, local)]
         return local.area.new_tensor(shares).reshape(lead)
 
-    def _witnesses(self) -> list[Witness | InputError]:
-        """The global witness per batch item, asked once; its refusal where the points bound no solid."""
+    def _witnesses(self) -> list[Answer]:
+        """What the global witness says, asked once."""
         if self._witnessed is None:
-            self._witnessed = []
-            samples = self.samples
-            points = samples.points.detach().reshape(-1, samples.n_points, 3)
-            known = samples.known_normals()
-            normals = None if known is None else known.detach().reshape(points.shape)
-            for item in range(len(points)):
-                try:
-                    own = None if normals is None else normals[item]
-                    found: Witness | InputError = global_witness(points[item], own, oriented=samples.oriented)
-                except InputError as error:
-                    found = error
-                self._witnessed.append(found)
+            self._witnessed = ask_witnesses(self.samples)
         return self._witnessed
 
     def _targets(self, target: Tensor | float | None, local: Curvature) -> Tensor | None:
@@ -269,28 +281,7 @@ class Shape:
         return local.area.new_tensor([one.euler for one in found if isinstance(one, Witness)]).reshape(lead)
 
     def _with_normals(self, local: Curvature) -> SurfaceSamples:
-        """Samples with normals, those of PCA turned outward where the witness knows the outside."""
-        samples, normals = self.samples, local.normals
-        if samples.oriented:
-            return SurfaceSamples(samples.points, normals, areas=samples.areas)
-        found = self._witnesses()
-        if any(isinstance(one, InputError) for one in found):
-            return SurfaceSamples(samples.points, normals, areas=samples.areas, oriented=False)
-        outward = np.stack([one.normals for one in found if isinstance(one, Witness)])
-        reference = torch.from_numpy(outward).to(normals).reshape(normals.shape)
-        sign = torch.where((normals.detach() * reference).sum(-1, keepdim=True) < 0, -1.0, 1.0).to(normals)
-        return SurfaceSamples(samples.points, sign * normals, areas=samples.areas)
-
-
-def _votes(witness: Witness) -> list[Evidence]:
-    """The two families of the global witness, each with the value it gives most often."""
-    rows = []
-    for name, key, stage in (("Delaunay cuts", "cut", "votes"), ("winding-number fields", "grid", "votes")):
-        values = [value for setting, value in witness.votes.items() if key in setting]
-        most = max(values, key=lambda value: (values.count(value), -abs(value)))
-        rows.append(
-            Evidence(
-                name, float(sum(values) / len(values)), most, witness.seconds[stage] * len(values) / len(witness.votes)
-            )
-        )
-    return rows
+        """Samples with normals, turned outward where they have no signs of their own."""
+        if self.samples.oriented:
+            return SurfaceSamples(self.samples.points, local.normals, areas=self.samples.areas)
+        return outward_samples(self.samples, local, self._witnesses())

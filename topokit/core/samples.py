@@ -77,6 +77,22 @@ class SurfaceSamples:
         )
 
 
+def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> SurfaceSamples:
+    """The samples themselves.
+
+    Raises:
+        InputError: if they are something else, or not more than the neighbours that each is to have.
+    """
+    if not isinstance(samples, SurfaceSamples):
+        raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
+    if samples.n_points <= n_neighbors:
+        raise InputError(
+            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
+            f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
+        )
+    return samples
+
+
 def _check(value: object, name: str) -> None:
     if not isinstance(value, Tensor):
         raise InputError(

@@ -1,0 +1,65 @@
+"""Asking the global half of the core about samples, item by item of a batch."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from topokit.core.boundary import BoundaryCurve, boundary_curves, rim_points
+from topokit.core.curvature import Curvature, surface_curvature
+from topokit.core.samples import SurfaceSamples
+from topokit.core.witness import Witness, global_witness
+from topokit.errors import InputError
+from topokit.report import Evidence
+
+Answer = Witness | InputError
+
+
+def ask_witnesses(samples: SurfaceSamples) -> list[Answer]:
+    """The global witness per batch item, or its refusal where the points bound no solid."""
+    points = samples.points.detach().reshape(-1, samples.n_points, 3)
+    known = samples.known_normals()
+    normals = None if known is None else known.detach().reshape(points.shape)
+    answers: list[Answer] = []
+    for item in range(len(points)):
+        own = None if normals is None else normals[item]
+        try:
+            answers.append(global_witness(points[item], own, oriented=samples.oriented))
+        except InputError as refusal:
+            answers.append(refusal)
+    return answers
+
+
+def outward_samples(samples: SurfaceSamples, local: Curvature, answers: list[Answer]) -> SurfaceSamples:
+    """The samples with normals, each turned outward where the witness knows the outside; differentiable."""
+    heard = [answer for answer in answers if isinstance(answer, Witness)]
+    if len(heard) < len(answers):
+        return SurfaceSamples(samples.points, local.normals, areas=samples.areas, oriented=False)
+    outward = torch.from_numpy(np.stack([witness.normals for witness in heard])).to(local.normals)
+    sides = (local.normals.detach() * outward.reshape(local.normals.shape)).sum(-1, keepdim=True)
+    sign = torch.where(sides < 0, -1.0, 1.0).to(local.normals)
+    return SurfaceSamples(samples.points, sign * local.normals, areas=samples.areas)
+
+
+def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[BoundaryCurve, ...]]:
+    """Boundary curves per batch item, from the geometry of the points alone."""
+    found = []
+    n_points = samples.n_points
+    for item, points in enumerate(samples.points.detach().reshape(-1, n_points, 3)):
+        neighbors = local.neighbors[item * n_points : (item + 1) * n_points] - item * n_points
+        with torch.no_grad():
+            plain = surface_curvature(SurfaceSamples(points), neighbors=neighbors)
+        rim = rim_points(points, plain.normals, neighbors)
+        found.append(boundary_curves(points, plain.normals, rim, float(plain.area.mean().sqrt())))
+    return found
+
+
+def vote_evidence(witness: Witness) -> list[Evidence]:
+    """The two families of the global witness, each with the value it gives most often."""
+    rows = []
+    for name, key in (("Delaunay cuts", "cut"), ("winding-number fields", "grid")):
+        values = [value for setting, value in witness.votes.items() if key in setting]
+        most = max(values, key=lambda value: (values.count(value), -abs(value)))
+        seconds = witness.seconds["votes"] * len(values) / len(witness.votes)
+        rows.append(Evidence(name, sum(values) / len(values), most, seconds))
+    return rows

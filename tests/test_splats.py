@@ -200,12 +200,12 @@ def test_every_filter_has_a_switch(switch: str) -> None:
 def test_components_are_chosen_by_area() -> None:
     large, small = torus_scene(2000), moved(torus_scene(1500, 0.6, 0.2), 8.0)
     splats = splats_of(joined(small, large))
-    by_default = tk.from_splats(splats, n_samples=500)
-    assert float(by_default.samples.points[:, 0].max()) < 2
-    assert "1500 of 3500 splats lie in other clusters (2 in all" in note(by_default, "component='largest'")
-    assert torch.equal(by_default.samples.points, tk.from_splats(splats, component=0, n_samples=500).samples.points)
+    largest = tk.from_splats(splats, component="largest", n_samples=500)
+    assert float(largest.samples.points[:, 0].max()) < 2
+    assert "1500 of 3500 splats lie in other clusters (2 in all" in note(largest, "component='largest'")
+    assert torch.equal(largest.samples.points, tk.from_splats(splats, component=0, n_samples=500).samples.points)
     assert float(tk.from_splats(splats, component=1, n_samples=500).samples.points[:, 0].min()) > 6
-    everything = tk.from_splats(splats, component="all", n_samples=500).samples.points[:, 0]
+    everything = tk.from_splats(splats, n_samples=500).samples.points[:, 0]
     assert float(everything.min()) < 2
     assert float(everything.max()) > 6
     for component in (2, -1, "biggest", True):
@@ -226,7 +226,7 @@ def test_parts_that_nearly_touch_are_one_cluster_and_a_large_disc_belongs_to_its
 def test_a_splat_far_away_does_not_coarsen_the_clusters(distance: float) -> None:
     both = joined(torus_scene(1500), moved(torus_scene(1000, 0.6, 0.2), 8.0))
     far = moved(torus_scene(1), distance)._replace(scales=both.scales[:1])
-    shape = tk.from_splats(splats_of(joined(both, far)))
+    shape = tk.from_splats(splats_of(joined(both, far)), component="largest")
     assert "(2 in all" in note(shape, "component=")
     assert note(shape, "min_cluster").startswith("1 of 2501 splats")
 

@@ -28,6 +28,7 @@ from topokit.report import (
 )
 
 _OVERLAP = 0.04  # share of a closed mesh's area off its own solid from which it is said to overlap itself
+_GAPS = 0.05  # share of samples with neighbours on one side only that closed surfaces do not reach
 _CROWDED = 0.05  # share of samples beside another sheet from which curves along thin rims are not taken for a boundary
 _OPEN_LENGTH = 60  # spacings of boundary from which the boundary's own sum is believed before a solid's
 
@@ -39,6 +40,7 @@ class Measured:
     Attributes:
         local: curvatures of the samples as they are.
         curves: boundary curves.
+        rim_share: share of samples with neighbours on one side only.
         estimate: χ⁽⁰⁾ with the boundary's term.
         refined: χ⁽ᴷ⁾ with the boundary's term, or None.
         witness: the global witness, or None where it refused; then `refusal` says why.
@@ -49,6 +51,7 @@ class Measured:
 
     local: Curvature
     curves: tuple[BoundaryCurve, ...]
+    rim_share: float
     estimate: float
     refined: float | None
     witness: Witness | None
@@ -105,6 +108,13 @@ def sampled_report(name: str, notes: tuple[str, ...], points: Tensor, measured: 
         components = surfaces or components
         cavities = witness.cavities
         reasons = witness.reasons
+        if measured.rim_share > _GAPS:
+            verdict = "unsure"
+            reasons = (
+                f"{measured.rim_share:.0%} of the samples have neighbours on one side only: they lie along lines or "
+                "around gaps, and what is between them is not known.",
+                *reasons,
+            )
     else:
         crowded = witness.numbers["crowded"] > _CROWDED
         is_sheet = not crowded and sum(curve.length for curve in curves) > _OPEN_LENGTH * spacing

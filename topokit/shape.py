@@ -228,7 +228,7 @@ class Shape:
     def _measure(self, refine: bool) -> Measured:
         started = time.perf_counter()
         local = self.curvature()
-        curves = () if self._is_exactly_closed() else boundary_by_item(self.samples, local)[0]
+        curves, rim_share = ((), 0.0) if self._is_exactly_closed() else boundary_by_item(self.samples, local)[0]
         estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(curves)
         evidence = [Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)]
         witness, refusal = None, ""
@@ -248,7 +248,7 @@ class Shape:
             solid = enclosed_solid(*self.mesh)
             seconds = time.perf_counter() - started
             evidence.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
-        return Measured(local, curves, estimate, refined, witness, refusal, tuple(evidence), solid)
+        return Measured(local, curves, rim_share, estimate, refined, witness, refusal, tuple(evidence), solid)
 
     def _is_exactly_closed(self) -> bool:
         """Known without work: for a shape that is given by a field the samples are asked, not the counting."""
@@ -259,7 +259,7 @@ class Shape:
         lead = self.samples.points.shape[:-2]
         if self._is_exactly_closed():
             return local.area.new_zeros(lead)
-        shares = [euler_of_boundary(curves) for curves in boundary_by_item(self.samples, local)]
+        shares = [euler_of_boundary(curves) for curves, _ in boundary_by_item(self.samples, local)]
         return local.area.new_tensor(shares).reshape(lead)
 
     def _witnesses(self) -> list[Answer]:

@@ -41,8 +41,11 @@ def outward_samples(samples: SurfaceSamples, local: Curvature, answers: list[Ans
     return SurfaceSamples(samples.points, sign * local.normals, areas=samples.areas)
 
 
-def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[BoundaryCurve, ...]]:
-    """Boundary curves per batch item, from the geometry of the points alone."""
+def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[tuple[BoundaryCurve, ...], float]]:
+    """Boundary curves, and the share of samples with neighbours on one side only, per batch item.
+
+    They come from the geometry of the points alone: given normals of thin parts would hide and feign rims.
+    """
     found = []
     n_points = samples.n_points
     for item, points in enumerate(samples.points.detach().reshape(-1, n_points, 3)):
@@ -50,7 +53,8 @@ def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[Bo
         with torch.no_grad():
             plain = surface_curvature(SurfaceSamples(points), neighbors=neighbors)
         rim = rim_points(points, plain.normals, neighbors)
-        found.append(boundary_curves(points, plain.normals, rim, float(plain.area.mean().sqrt())))
+        curves = boundary_curves(points, plain.normals, rim, float(plain.area.mean().sqrt()))
+        found.append((curves, float(rim.double().mean())))
     return found
 
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from topokit.core.linalg import normalize, tangent_basis
 
 _LEAST_LOOP = 20  # points, and spacings of length, of the smallest hole that stands out of the noise
+_CLOSING = 0.2  # share of a path's length that its ends may be apart
 _REACH = 6.0  # spacings between successive points of a boundary curve, at most
 
 
@@ -84,7 +85,8 @@ def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacin
         order = _longest_path(positions[rows[cluster]], _REACH * spacing)
         path = rows[cluster[order]]
         gap = np.linalg.norm(positions[path[0]] - positions[path[-1]])
-        if len(path) >= _LEAST_LOOP and gap <= 2 * _REACH * spacing:
+        length = np.linalg.norm(np.diff(positions[path], axis=0), axis=1).sum()
+        if len(path) >= _LEAST_LOOP and gap <= max(2 * _REACH * spacing, _CLOSING * length):
             curves.append(_measured(path, positions, directions, spacing))
     curves = [curve for curve in curves if curve.length > _LEAST_LOOP * spacing]
     return tuple(sorted(curves, key=lambda curve: -curve.length))

@@ -29,8 +29,8 @@ _MOST_DISAGREEMENT = 0.06
 _LEAST_CONFIRMED = 0.9
 
 
-def decide(votes: Mapping[str, int], numbers: Mapping[str, float]) -> tuple[int, Verdict, tuple[str, ...]]:
-    """The integer of greatest weight, a verdict, and its reasons as sentences.
+def decide(votes: Mapping[str, int], numbers: Mapping[str, float]) -> tuple[int, Verdict, tuple[str, ...], float]:
+    """The integer of greatest weight, a verdict, its reasons as sentences, and the weight's share.
 
     "likely" asks that both families (cuts and grids) stand behind the integer, that the samples lie on the implied
     surface, that neighboring normals agree, that given normals are confirmed, and that almost no sample sees an
@@ -101,7 +101,8 @@ def decide(votes: Mapping[str, int], numbers: Mapping[str, float]) -> tuple[int,
             )
         )
     is_sure = all(good for good, _, _ in checks)
-    return euler, "likely" if is_sure else "unsure", tuple(yes if good else no for good, yes, no in checks)
+    reasons = tuple(yes if good else no for good, yes, no in checks)
+    return euler, "likely" if is_sure else "unsure", reasons, agreement
 
 
 def _heaviest(votes: Mapping[str, int]) -> tuple[int, float]:

@@ -8,7 +8,8 @@ closed outside). The Euler characteristic of the surface is twice that of the so
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import torch
@@ -42,6 +43,7 @@ from topokit.core.verdict import Verdict, decide
 from topokit.core.winding import winding_field
 from topokit.errors import InputError
 
+_ROUGH = 0.5  # distance of points from the local plane, in spacings, from which averaging may help
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -86,7 +88,12 @@ class Witness:
 
 
 def global_witness(
-    points: Tensor, normals: Tensor | None = None, areas: Tensor | None = None, *, oriented: bool = True
+    points: Tensor,
+    normals: Tensor | None = None,
+    areas: Tensor | None = None,
+    *,
+    oriented: bool = True,
+    may_average: bool = True,
 ) -> Witness:
     """The integer of a cloud's closed surface, and how far it may be believed.
 
@@ -98,6 +105,7 @@ def global_witness(
         normals: (N, 3), any positive length, outward; found when absent, turned when they all point inward, reported
             when they contradict each other.
         oriented: whether the normals' signs mean anything; if not, the normals are axes whose signs are found.
+        may_average: whether a cloud noisier than its spacing may be asked again about averaged points.
         areas: (N,), surface area that each sample stands for, best exact tangent Voronoi areas; estimated when absent.
 
     Raises:
@@ -121,39 +129,44 @@ def global_witness(
         )
     elif len(kept) < len(positions):
         notes.append(f"{len(positions) - len(kept)} points lie where others do and were left out.")
-    if given is None or not oriented:
-        found = orient_samples(chosen, local)
-        outward, complex_ = found.normals, found.complex_
-        if given is not None:
-            axes = given[kept]
-            outward = _signed(axes, outward)
-        notes.append(
-            f"{'No normals' if given is None else 'Normals without signs'} were given; they were found from the points "
-            f"({found.coverage:.0%} of which lie on the surface that those normals imply)."
-        )
-    else:
-        complex_ = delaunay_complex(chosen, local.spacing)
-        sign, confirmed, said = _check_given(chosen, given[kept], local, complex_)
-        outward = sign * given[kept]
+    has_signs = given is not None and oriented
+    complex_ = delaunay_complex(chosen, local.spacing)
+    if given is not None and has_signs:
+        kind, confirmed, said = _check_given(chosen, given[kept], local, complex_)
         extra["given normals"] = confirmed
         notes += said
+        sign = -1.0 if kind == "inward" else 1.0
+        has_signs = kind != "mixed"
+    if given is not None and has_signs:
+        outward = sign * given[kept]
+    else:
+        found = orient_samples(chosen, local)
+        outward = found.normals if given is None else _signed(given[kept], found.normals)
+        what = "No normals were given; they" if given is None else "The signs of the normals"
+        notes.append(
+            f"{what} were found from the points "
+            f"({found.coverage:.0%} of which lie on the surface that those normals imply)."
+        )
     turned = time.perf_counter()
     weights = local.areas if areas is not None else compatible_areas(outward, local)
     votes, numbers, inside = gather_votes(chosen, outward, local, weights, complex_)
     components, cavities = count_parts(complex_, inside)
     numbers.update(extra)
-    euler, verdict, reasons = decide(votes, numbers)
+    euler, verdict, reasons, numbers["agreement"] = decide(votes, numbers)
     voted = time.perf_counter()
     spacing = float(np.sqrt(weights.mean())) * unit_length
     if len(kept) < len(positions):
-        spread = spread_signs(positions, kept, outward) if given is None or not oriented else sign * given
-        outward = spread if given is None or oriented else _signed(given, spread)
+        if given is not None and has_signs:
+            outward = sign * given
+        else:
+            spread = spread_signs(positions, kept, outward)
+            outward = spread if given is None else _signed(given, spread)
     seconds = {
         "orientation": turned - start,
         "votes": voted - turned,
         "spreading": time.perf_counter() - voted,
     }
-    return Witness(
+    witness = Witness(
         euler=euler,
         verdict=verdict,
         reasons=(*notes, *reasons),
@@ -167,6 +180,41 @@ def global_witness(
         seconds=seconds,
         faces=kept[separating_faces(complex_, inside)],
     )
+    return _second_look(witness, chosen, local) if may_average else witness
+
+
+def _second_look(witness: Witness, points: Floats, local: LocalGeometry) -> Witness:
+    """Where noise exceeds the spacing and the settings contradict each other, ask again about averaged points.
+
+    The mean of the points in a cube is nearer to the surface than each of them. The integer of the averaged points is
+    taken over if their settings agree; the verdict stays "unsure".
+    """
+    if local.roughness < _ROUGH or witness.numbers["agreement"] >= 0.5:
+        return witness
+    for times in (3.0, 4.5, 6.75):
+        means = averaged(points, times * local.spacing)
+        if len(means) < 200:
+            break
+        try:
+            again = global_witness(torch.from_numpy(means), may_average=False)
+        except InputError:  # so coarse that nothing is left of the solid
+            break
+        if again.numbers["agreement"] >= 0.75:
+            note = (
+                f"The noise is about as large as the sample spacing; averaged over cubes of {times:g} spacings, the "
+                f"{len(means)} means left give χ = {again.euler} in {again.numbers['agreement']:.0%} of all evidence."
+            )
+            return replace(
+                witness,
+                euler=again.euler,
+                verdict="unsure",
+                reasons=(note, *witness.reasons),
+                components=again.components,
+                cavities=again.cavities,
+                resolution=again.resolution * witness.spacing / local.spacing,
+                faces=witness.faces[:0],
+            )
+    return witness
 
 
 def gather_votes(
@@ -214,16 +262,16 @@ def _vote(votes: dict[str, int], name: str, eulers: tuple[int, int]) -> None:
 
 def _check_given(
     points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex
-) -> tuple[float, float, list[str]]:
-    """The sign that makes given normals point outward, the share that is confirmed, and what there is to say."""
+) -> tuple[Literal["outward", "inward", "mixed"], float, list[str]]:
+    """Where given normals point, the share that is confirmed, and what there is to say."""
     kind, confirmed = check_normals(points, normals, compatible_areas(normals, local), local, complex_)
     if kind == "mixed":
         said = f"The given normals contradict each other: {1 - confirmed:.0%} point the wrong way."
-        return 1.0, min(confirmed, 0.89), [said]
+        return kind, min(confirmed, 0.89), [said]
     if kind == "inward":
         said = f"The given normals all point inward ({confirmed:.0%} of them agree); they were turned round."
-        return -1.0, confirmed, [said]
-    return 1.0, confirmed, []
+        return kind, confirmed, [said]
+    return kind, confirmed, []
 
 
 def _signed(axes: Floats, directions: Floats) -> Floats:

@@ -151,6 +151,16 @@ def flatten(points: Floats, normals: Floats, local: LocalGeometry, n_neighbors: 
     return points + normals * ((center - points) * normals).sum(1, keepdims=True)
 
 
+def projected(points: Floats, n_neighbors: int, rounds: int = 2) -> Floats:
+    """Points (N, 3) moved onto the planes of their wide neighborhoods, again and again: strong removal of noise."""
+    own = np.arange(len(points))[:, None]
+    for _ in range(rounds):
+        index = np.concatenate((own, nearest_neighbors(torch.from_numpy(points), n_neighbors).numpy()), axis=1)
+        normals, _ = fit_planes(points, index)
+        points = points + normals * ((points[index].mean(1) - points) * normals).sum(1, keepdims=True)
+    return points
+
+
 def compatible_areas(normals: Floats, local: LocalGeometry, wanted: int = 8) -> Floats:
     """Disc areas π r² / k over the first `wanted` neighbors on the same sheet, (N,): neighbors whose normals agree."""
     agrees = (normals[local.index[:, 1:]] * normals[:, None]).sum(2) > 0.3

@@ -75,13 +75,6 @@ def _one_per_cube(points: Floats) -> tuple[Integers, Integers]:
     return order[first], inverse
 
 
-def averaged(points: Floats, side: float) -> Floats:
-    """Means of the points (N, 3) in each cube of the given side, (M, 3)."""
-    _, cube, counts = np.unique(_cubes(points - points.min(0), side), return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(cube.ravel(), points[:, axis], len(counts)) for axis in range(3)], axis=1)
-    return sums / counts[:, None]
-
-
 def spread_signs(points: Floats, kept: Integers, normals: Floats, n_neighbors: int = 16) -> Floats:
     """Normals for all points from oriented normals of some: each point's own plane, the nearest kept point's side.
 

@@ -25,6 +25,7 @@ from topokit.core.local_geometry import (
     disagreement,
     flatten,
     local_geometry,
+    projected,
     unit,
 )
 from topokit.core.orientation import check_normals, orient_samples
@@ -43,7 +44,8 @@ from topokit.core.verdict import Verdict, decide
 from topokit.core.winding import winding_field
 from topokit.errors import InputError
 
-_ROUGH = 0.5  # distance of points from the local plane, in spacings, from which averaging may help
+_ROUGH = 0.5  # distance of points from the local plane, in spacings, from which smoothing may help
+_WIDE = 64  # neighbors that very noisy points are smoothed over
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
@@ -93,7 +95,7 @@ def global_witness(
     areas: Tensor | None = None,
     *,
     oriented: bool = True,
-    may_average: bool = True,
+    may_smooth: bool = True,
 ) -> Witness:
     """The integer of a cloud's closed surface, and how far it may be believed.
 
@@ -105,7 +107,7 @@ def global_witness(
         normals: (N, 3), any positive length, outward; found when absent, turned when they all point inward, reported
             when they contradict each other.
         oriented: whether the normals' signs mean anything; if not, the normals are axes whose signs are found.
-        may_average: whether a cloud noisier than its spacing may be asked again about averaged points.
+        may_smooth: whether a cloud noisier than its spacing may be asked again about smoothed points.
         areas: (N,), surface area that each sample stands for, best exact tangent Voronoi areas; estimated when absent.
 
     Raises:
@@ -180,41 +182,35 @@ def global_witness(
         seconds=seconds,
         faces=kept[separating_faces(complex_, inside)],
     )
-    return _second_look(witness, chosen, local) if may_average else witness
+    return _second_look(witness, chosen, local) if may_smooth else witness
 
 
 def _second_look(witness: Witness, points: Floats, local: LocalGeometry) -> Witness:
-    """Where noise exceeds the spacing and the settings contradict each other, ask again about averaged points.
+    """Where noise exceeds the spacing and the settings contradict each other, ask again about smoothed points.
 
-    The mean of the points in a cube is nearer to the surface than each of them. The integer of the averaged points is
-    taken over if their settings agree; the verdict stays "unsure".
+    The points are moved onto the planes of wide neighborhoods. The integer is taken over if (nearly) all settings then
+    agree; the verdict stays "unsure", since details went with the noise.
     """
-    if local.roughness < _ROUGH or witness.numbers["agreement"] >= 0.5:
+    if local.roughness < _ROUGH or witness.numbers["agreement"] >= 0.5 or len(points) <= _WIDE:
         return witness
-    for times in (3.0, 4.5, 6.75):
-        means = averaged(points, times * local.spacing)
-        if len(means) < 200:
-            break
-        try:
-            again = global_witness(torch.from_numpy(means), may_average=False)
-        except InputError:  # so coarse that nothing is left of the solid
-            break
-        if again.numbers["agreement"] >= 0.75:
-            note = (
-                f"The noise is about as large as the sample spacing; averaged over cubes of {times:g} spacings, the "
-                f"{len(means)} means left give χ = {again.euler} in {again.numbers['agreement']:.0%} of all evidence."
-            )
-            return replace(
-                witness,
-                euler=again.euler,
-                verdict="unsure",
-                reasons=(note, *witness.reasons),
-                components=again.components,
-                cavities=again.cavities,
-                resolution=again.resolution * witness.spacing / local.spacing,
-                faces=witness.faces[:0],
-            )
-    return witness
+    again = global_witness(torch.from_numpy(projected(points, _WIDE)), may_smooth=False)
+    agreement = again.numbers["agreement"]
+    if agreement < 0.9:
+        return witness
+    note = (
+        f"The noise is about as large as the sample spacing; smoothed over {_WIDE} neighbors, the points give "
+        f"χ = {again.euler} in {agreement:.0%} of all evidence."
+    )
+    return replace(
+        witness,
+        euler=again.euler,
+        verdict="unsure",
+        reasons=(note, *witness.reasons),
+        components=again.components,
+        cavities=again.cavities,
+        resolution=witness.resolution * _WIDE**0.5,
+        faces=witness.faces[:0],
+    )
 
 
 def gather_votes(

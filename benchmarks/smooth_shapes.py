@@ -91,11 +91,9 @@ def main() -> None:
                     likely += found.verdict == "likely"
                     wrong_likely += found.verdict == "likely" and found.euler != truth
                     wrong += [f"{name} {found.euler} for {truth}"] if found.euler != truth else []
-            total = len(meshes) * options.seeds
+            counts = f"{right} / {len(meshes) * options.seeds} | {likely} | {wrong_likely}"
             print(
-                f"| {n_points} | {noise:.2%} | {right} / {total} | {likely} | {wrong_likely} | {np.median(seconds):.1f} "
-                f"| {'; '.join(wrong)} |",
-                flush=True,
+                f"| {n_points} | {noise:.2%} | {counts} | {np.median(seconds):.1f} | {'; '.join(wrong)} |", flush=True
             )
 
 

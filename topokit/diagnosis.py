@@ -26,11 +26,10 @@ from topokit.report import (
     count_cavities,
     sum_genus,
 )
+from topokit.witnesses import Ends
 
 _OVERLAP = 0.04  # share of a closed mesh's area off its own solid from which it is said to overlap itself
 _GAPS = 0.05  # share of samples with neighbours on one side only that closed surfaces do not reach
-_CROWDED = 0.05  # share of samples beside another sheet from which curves along thin rims are not taken for a boundary
-_OPEN_LENGTH = 60  # spacings of boundary from which the boundary's own sum is believed before a solid's
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +38,7 @@ class Measured:
 
     Attributes:
         local: curvatures of the samples as they are.
-        curves: boundary curves.
-        rim_share: share of samples with neighbours on one side only.
+        ends: where the surface ends.
         estimate: χ⁽⁰⁾ with the boundary's term.
         refined: χ⁽ᴷ⁾ with the boundary's term, or None.
         witness: the global witness, or None where it refused; then `refusal` says why.
@@ -50,8 +48,7 @@ class Measured:
     """
 
     local: Curvature
-    curves: tuple[BoundaryCurve, ...]
-    rim_share: float
+    ends: Ends
     estimate: float
     refined: float | None
     witness: Witness | None
@@ -87,7 +84,7 @@ def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured
 
 def sampled_report(name: str, notes: tuple[str, ...], points: Tensor, measured: Measured) -> TopologyReport:
     """The report of a shape that is known by its samples alone."""
-    witness, local, curves = measured.witness, measured.local, measured.curves
+    witness, local, curves = measured.witness, measured.local, measured.ends.curves
     spacing = float(local.area.mean().sqrt())
     closed = witness is not None and not curves
     components = cloud_components(points, local)
@@ -108,17 +105,15 @@ def sampled_report(name: str, notes: tuple[str, ...], points: Tensor, measured: 
         components = surfaces or components
         cavities = witness.cavities
         reasons = witness.reasons
-        if measured.rim_share > _GAPS:
+        if measured.ends.rim_share > _GAPS:
             verdict = "unsure"
             reasons = (
-                f"{measured.rim_share:.0%} of the samples have neighbours on one side only: they lie along lines or "
-                "around gaps, and what is between them is not known.",
+                f"{measured.ends.rim_share:.0%} of the samples have neighbours on one side only: they lie along lines "
+                "or around gaps, and what is between them is not known.",
                 *reasons,
             )
     else:
-        crowded = witness.numbers["crowded"] > _CROWDED
-        is_sheet = not crowded and sum(curve.length for curve in curves) > _OPEN_LENGTH * spacing
-        integer = round(measured.estimate) if is_sheet else witness.euler
+        integer = round(measured.estimate) if measured.ends.is_sheet(witness) else witness.euler
         reasons = ()
     if curves:
         reasons = (_where_open(points, local, curves, spacing), *reasons)
@@ -171,8 +166,8 @@ def solid_components(points: Tensor, witness: Witness) -> tuple[SurfaceComponent
 
 
 def _curvature_sentence(measured: Measured, n_points: int) -> str:
-    boundary = euler_of_boundary(measured.curves)
-    share = f", {boundary:.2f} of it from the boundary's turning" if measured.curves else ""
+    boundary = euler_of_boundary(measured.ends.curves)
+    share = f", {boundary:.2f} of it from the boundary's turning" if measured.ends.curves else ""
     return f"Curvature over {n_points} samples sums to χ ≈ {measured.estimate:.2f}{share}."
 
 

@@ -22,7 +22,7 @@ from topokit.core.witness import Witness
 from topokit.diagnosis import Measured, exact_report, sampled_report
 from topokit.errors import GenusError, InputError
 from topokit.report import Evidence, ExactAnswer, TopologyReport
-from topokit.witnesses import Answer, ask_witnesses, boundary_by_item, outward_samples, vote_evidence
+from topokit.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
 
 EulerMethod = Literal["gauss-bonnet", "field"]
 
@@ -59,6 +59,7 @@ class Shape:
         self._exact = exact
         self._samples = samples if callable(samples) else enough_samples(samples, n_neighbors, name)
         self._witnessed: list[Answer] | None = None
+        self._ends_found: list[Ends] | None = None
 
     @property
     def samples(self) -> SurfaceSamples:
@@ -129,7 +130,7 @@ class Shape:
             n_neighbors: k; the shape's own by default.
             refine: whether to self-optimise.
             target: what χ must be; by default the exact integer where there is one, else the global witness's.
-                Without either (planes, lines, ...) nothing is refined.
+                Without either (planes, lines, open sheets) nothing is refined.
             solver: see `topokit.core.weingarten`.
             max_steps: of the self-optimisation.
             method: "gauss-bonnet", or "field": χ averaged over levels within about `tau` of the field's own, on its own
@@ -210,10 +211,11 @@ class Shape:
         """
         if self.samples.oriented:
             return self
-        for found in self._witnesses():
+        local = self.curvature()
+        for found in self._witnesses(local):
             if isinstance(found, InputError):
                 raise found
-        samples = self._with_normals(self.curvature())
+        samples = self._with_normals(local)
         return Shape(
             samples,
             self._exact,
@@ -228,17 +230,17 @@ class Shape:
     def _measure(self, refine: bool) -> Measured:
         started = time.perf_counter()
         local = self.curvature()
-        curves, rim_share = ((), 0.0) if self._is_exactly_closed() else boundary_by_item(self.samples, local)[0]
-        estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(curves)
+        ends = self._ends(local)[0]
+        estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(ends.curves)
         evidence = [Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)]
         witness, refusal = None, ""
         if self.exact is None:
-            found = self._witnesses()[0]
+            found = self._witnesses(local)[0]
             witness, refusal = (None, str(found)) if isinstance(found, InputError) else (found, "")
         if witness is not None:
             evidence += vote_evidence(witness)
         refined = None
-        if refine:
+        if refine and not ends.curves:
             started = time.perf_counter()
             refined = float(self.euler())
             evidence.append(Evidence("Gauss–Bonnet, self-optimised", refined, None, time.perf_counter() - started))
@@ -248,24 +250,31 @@ class Shape:
             solid = enclosed_solid(*self.mesh)
             seconds = time.perf_counter() - started
             evidence.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
-        return Measured(local, curves, rim_share, estimate, refined, witness, refusal, tuple(evidence), solid)
+        return Measured(local, ends, estimate, refined, witness, refusal, tuple(evidence), solid)
 
     def _is_exactly_closed(self) -> bool:
         """Known without work: for a shape that is given by a field the samples are asked, not the counting."""
         return self.field is None and self.exact is not None and self.exact.closed
 
+    def _ends(self, local: Curvature) -> list[Ends]:
+        """Where the surface ends, per batch item, looked for once."""
+        if self._ends_found is None:
+            if self._is_exactly_closed():
+                n_items = self.samples.points[..., 0, 0].numel()
+                self._ends_found = [Ends((), 0.0, float(local.area.detach().mean().sqrt()))] * n_items
+            else:
+                self._ends_found = find_ends(self.samples, local)
+        return self._ends_found
+
     def _boundary(self, local: Curvature) -> Tensor:
         """The boundary's share of χ, (...)."""
-        lead = self.samples.points.shape[:-2]
-        if self._is_exactly_closed():
-            return local.area.new_zeros(lead)
-        shares = [euler_of_boundary(curves) for curves, _ in boundary_by_item(self.samples, local)]
-        return local.area.new_tensor(shares).reshape(lead)
+        shares = [euler_of_boundary(ends.curves) for ends in self._ends(local)]
+        return local.area.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 
-    def _witnesses(self) -> list[Answer]:
+    def _witnesses(self, local: Curvature) -> list[Answer]:
         """What the global witness says, asked once."""
         if self._witnessed is None:
-            self._witnessed = ask_witnesses(self.samples)
+            self._witnessed = ask_witnesses(self.samples, self._ends(local))
         return self._witnessed
 
     def _targets(self, target: Tensor | float | None, local: Curvature) -> Tensor | None:
@@ -275,7 +284,9 @@ class Shape:
             return torch.as_tensor(target).to(local.area).expand(lead)
         if self.exact is not None and self.exact.evidence.integer is not None:
             return local.area.new_tensor(self.exact.evidence.integer)
-        found = self._witnesses()
+        found = self._witnesses(local)
+        if any(ends.curves and ends.is_sheet(one) for ends, one in zip(self._ends(local), found, strict=True)):
+            return None
         if any(isinstance(one, InputError) for one in found):
             return None
         return local.area.new_tensor([one.euler for one in found if isinstance(one, Witness)]).reshape(lead)
@@ -284,4 +295,4 @@ class Shape:
         """Samples with normals, turned outward where they have no signs of their own."""
         if self.samples.oriented:
             return SurfaceSamples(self.samples.points, local.normals, areas=self.samples.areas)
-        return outward_samples(self.samples, local, self._witnesses())
+        return outward_samples(self.samples, local, self._witnesses(local))

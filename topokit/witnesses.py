@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 
@@ -13,9 +15,33 @@ from topokit.errors import InputError
 from topokit.report import Evidence
 
 Answer = Witness | InputError
+_CROWDED = 0.05  # share of samples beside another sheet from which curves along thin rims are not taken for a boundary
+_OPEN_LENGTH = 60  # spacings of boundary from which the boundary's own sum is believed before a solid's
 
 
-def ask_witnesses(samples: SurfaceSamples) -> list[Answer]:
+@dataclass(frozen=True)
+class Ends:
+    """Where one batch item ends.
+
+    Attributes:
+        curves: boundary curves.
+        rim_share: share of samples with neighbours on one side only.
+        spacing: typical distance of samples.
+    """
+
+    curves: tuple[BoundaryCurve, ...]
+    rim_share: float
+    spacing: float
+
+    def is_sheet(self, answer: Answer) -> bool:
+        """Whether this is an open surface rather than a solid with faults: long boundary, no opposite sheets nearby."""
+        if isinstance(answer, InputError):
+            return True
+        is_crowded = answer.numbers["crowded"] > _CROWDED
+        return not is_crowded and sum(curve.length for curve in self.curves) > _OPEN_LENGTH * self.spacing
+
+
+def ask_witnesses(samples: SurfaceSamples, ends: list[Ends]) -> list[Answer]:
     """The global witness per batch item, or its refusal where the points bound no solid."""
     points = samples.points.detach().reshape(-1, samples.n_points, 3)
     known = samples.known_normals()
@@ -24,7 +50,8 @@ def ask_witnesses(samples: SurfaceSamples) -> list[Answer]:
     for item in range(len(points)):
         own = None if normals is None else normals[item]
         try:
-            answers.append(global_witness(points[item], own, oriented=samples.oriented))
+            closed = not ends[item].curves
+            answers.append(global_witness(points[item], own, oriented=samples.oriented, may_smooth=closed))
         except InputError as refusal:
             answers.append(refusal)
     return answers
@@ -41,10 +68,10 @@ def outward_samples(samples: SurfaceSamples, local: Curvature, answers: list[Ans
     return SurfaceSamples(samples.points, sign * local.normals, areas=samples.areas)
 
 
-def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[tuple[BoundaryCurve, ...], float]]:
-    """Boundary curves, and the share of samples with neighbours on one side only, per batch item.
+def find_ends(samples: SurfaceSamples, local: Curvature) -> list[Ends]:
+    """Where the surface ends, per batch item.
 
-    They come from the geometry of the points alone: given normals of thin parts would hide and feign rims.
+    It comes from the geometry of the points alone: given normals of thin parts would hide and feign rims.
     """
     found = []
     n_points = samples.n_points
@@ -53,8 +80,9 @@ def boundary_by_item(samples: SurfaceSamples, local: Curvature) -> list[tuple[tu
         with torch.no_grad():
             plain = surface_curvature(SurfaceSamples(points), neighbors=neighbors)
         rim = rim_points(points, plain.normals, neighbors)
-        curves = boundary_curves(points, plain.normals, rim, float(plain.area.mean().sqrt()))
-        found.append((curves, float(rim.double().mean())))
+        spacing = float(plain.area.mean().sqrt())
+        curves = boundary_curves(points, plain.normals, rim, spacing)
+        found.append(Ends(curves, float(rim.double().mean()), spacing))
     return found
 
 

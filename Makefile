@@ -13,7 +13,7 @@ demo: .venv/installed
 	.venv/bin/python -m topokit demo
 
 test: .venv/tested
-	.venv/bin/python -m pytest
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto
 
 lint: .venv/tested
 	.venv/bin/ruff check .

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 app = typer.Typer(
-    help="Curvature, Euler characteristic and genus of meshes, point clouds, volumes, networks and splats.",
+    help="Curvature, Euler characteristic and genus of meshes, points, volumes, networks and splats.",
     no_args_is_help=True,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Files = Annotated[list[Path], typer.Argument(help="Meshes, point clouds, volumes, networks (.pt) or splats.", metavar="FILE...")]
+Files = Annotated[list[Path], typer.Argument(help="Meshes, points, volumes, networks or splats.", metavar="FILE...")]
 Neighbors = Annotated[int, typer.Option("-k", "--neighbors", min=3, help="Neighbours of each point.")]
 Samples = Annotated[int, typer.Option("--samples", min=4, help="Points sampled from a mesh.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sampling.")]

@@ -18,7 +18,7 @@ from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape
 
-_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 50_000
+_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 20_000
 
 
 def from_splats(
@@ -51,7 +51,7 @@ def from_splats(
             normal to speak of. If that is most of the scene, all are kept and normals are estimated from the samples.
         min_cluster: clusters with less than this share of the area are dropped (floaters).
         n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
-            least 5 000 and at most 50 000: several samples on one disc add coverage, but no curvature.
+            least 5 000 and at most 20 000: several samples on one disc add coverage, but no curvature.
         n_neighbors: k of the local half.
         generator: source of randomness (CPU); seed 0 if None.
 

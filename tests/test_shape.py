@@ -92,6 +92,15 @@ def test_what_bounds_no_solid_is_unsure_with_the_reason(points: torch.Tensor) ->
         shape.genus()
 
 
+def test_samples_along_scan_lines_are_not_believed() -> None:
+    height = torch.linspace(-0.98, 0.98, 24, dtype=torch.float64).repeat_interleave(300)
+    angle = torch.linspace(0, 6.28, 300, dtype=torch.float64).repeat(24)
+    ring = (1 - height.square()).sqrt()
+    report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report(refine=False)
+    assert report.verdict == "unsure"
+    assert any("one side only" in reason or "not closed" in reason for reason in report.reasons)
+
+
 def test_a_cluster_and_a_few_points_do_not_hang() -> None:
     random = torch.Generator().manual_seed(2)
     for points in (torch.randn(500, 3, generator=random).double(), torch.randn(22, 3, generator=random).double()):

@@ -78,8 +78,10 @@ def genus(files: Files, neighbors: Neighbors = 20, samples: Samples = 10_000, se
     """One line per file: genus, verdict, file (separated by tabs)."""
 
     def answer(path: Path) -> str:
-        shape = _open(path, neighbors, samples, seed)
-        return f"{shape.genus()}\t{shape.report().verdict}\t{path}"
+        from topokit.report import known_genus
+
+        found = _open(path, neighbors, samples, seed).report()
+        return f"{known_genus(found)}\t{found.verdict}\t{path}"
 
     _print_each(files, answer)
 

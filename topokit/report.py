@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from topokit.core.components import SurfaceComponent
+from topokit.errors import GenusError
 
 Verdict = Literal["certain", "likely", "unsure"]
 
@@ -112,6 +113,18 @@ class TopologyReport:
         head += f", {self.components} component{'s' if self.components != 1 else ''}"
         head += ", closed" if self.closed else ", not closed"
         return "\n".join([head, *(f"  - {reason}" for reason in self.reasons)])
+
+
+def known_genus(report: TopologyReport) -> int:
+    """The report's genus.
+
+    Raises:
+        GenusError: if it has none; the message holds the report's reasons.
+    """
+    if report.genus is None:
+        why = " ".join(report.reasons) or "Nothing is known about it."
+        raise GenusError(f"{report.name} has no genus that topokit can vouch for. {why}")
+    return report.genus
 
 
 def betti_numbers(components: tuple[SurfaceComponent, ...], closed: bool) -> tuple[int, int, int] | None:

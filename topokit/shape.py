@@ -20,8 +20,8 @@ from topokit.core.voronoi import AreaMethod
 from topokit.core.weingarten import Solver
 from topokit.core.witness import Witness
 from topokit.diagnosis import Measured, exact_report, sampled_report
-from topokit.errors import GenusError, InputError
-from topokit.report import Evidence, ExactAnswer, TopologyReport
+from topokit.errors import InputError
+from topokit.report import Evidence, ExactAnswer, TopologyReport, known_genus
 from topokit.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
 
 EulerMethod = Literal["gauss-bonnet", "field"]
@@ -171,11 +171,7 @@ class Shape:
         Raises:
             GenusError: if the surface is open, not a manifold or not orientable, or its genus is not known.
         """
-        report = self.report()
-        if report.genus is None:
-            why = " ".join(report.reasons) or "Nothing is known about it."
-            raise GenusError(f"{self.name} has no genus that topokit can vouch for. {why}")
-        return report.genus
+        return known_genus(self.report())
 
     def report(self, *, refine: bool | None = None) -> TopologyReport:
         """Everything there is to say: integer, genus, components, verdict, reasons and evidence.

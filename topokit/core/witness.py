@@ -132,8 +132,8 @@ def global_witness(
     elif len(kept) < len(positions):
         notes.append(f"{len(positions) - len(kept)} points lie where others do and were left out.")
     has_signs = given is not None and oriented
-    complex_ = delaunay_complex(chosen, local.spacing)
     if given is not None and has_signs:
+        complex_ = delaunay_complex(chosen, local.spacing)
         kind, confirmed, said = _check_given(chosen, given[kept], local, complex_)
         extra["given normals"] = confirmed
         notes += said
@@ -143,6 +143,7 @@ def global_witness(
         outward = sign * given[kept]
     else:
         found = orient_samples(chosen, local)
+        complex_ = found.complex_
         outward = found.normals if given is None else _signed(given[kept], found.normals)
         what = "No normals were given; they" if given is None else "The signs of the normals"
         notes.append(

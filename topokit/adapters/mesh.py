@@ -16,7 +16,7 @@ from torch import Tensor
 from topokit.adapters.mesh_files import read_mesh
 from topokit.core.curvature import DEFAULT_NEIGHBORS
 from topokit.core.mesh_sampling import sample_triangles
-from topokit.core.mesh_topology import MeshTopology, mesh_topology
+from topokit.core.mesh_topology import MeshTopology, connected_labels, mesh_topology
 from topokit.errors import InputError
 from topokit.files import existing_file
 from topokit.report import Evidence, ExactAnswer, Verdict
@@ -202,19 +202,12 @@ def _merge(vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: f
     else:
         radius = tolerance * float(np.linalg.norm(np.ptp(points, axis=0)))
         pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
-        representative = used[_lowest_of_group(len(points), pairs)]
+        groups = connected_labels(len(points), pairs[:, 0], pairs[:, 1])
+        _, first, group = np.unique(groups, return_index=True, return_inverse=True)
+        representative = used[first[group.ravel()]]
     renamed = np.arange(len(vertices))
     renamed[used] = representative
     return renamed[faces], int((representative != used).sum())
-
-
-def _lowest_of_group(n_points: int, pairs: NDArray[np.int64]) -> NDArray[np.int64]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(pairs), dtype=bool), (pairs[:, 0], pairs[:, 1])), shape=(n_points, n_points))
-    _, first, group = np.unique(connected_components(graph, directed=False)[1], return_index=True, return_inverse=True)
-    return first[group.ravel()]
 
 
 def _answer(counted: _Counted, seconds: float) -> ExactAnswer:

@@ -129,7 +129,8 @@ def triangle_areas(vertices: Floats, faces: Integers) -> Floats:
     return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
-def _components(n_nodes: int, first: Integers, second: Integers) -> Integers:
+def connected_labels(n_nodes: int, first: Integers, second: Integers) -> Integers:
+    """Label of the connected component of every node, given the two ends of each edge."""
     graph = coo_array((np.ones(len(first), dtype=bool), (first, second)), shape=(n_nodes, n_nodes))
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
@@ -168,7 +169,7 @@ def _fans(faces: Integers, face_edges: Integers) -> tuple[Integers, int]:
     same = corners[a] == corners[c]
     rows = np.concatenate((a, b))
     columns = np.concatenate((np.where(same, c, d), np.where(same, d, c)))
-    labels = _components(len(corners), rows, columns)
+    labels = connected_labels(len(corners), rows, columns)
     return labels, int(labels.max()) + 1
 
 
@@ -181,7 +182,7 @@ def _pinched(faces: Integers, corner_fans: Integers, n_fans: int, n_vertices: in
 def _vertex_connected(faces: Integers, n_vertices: int) -> Integers:
     first = np.concatenate((faces[:, 0], faces[:, 1]))
     second = np.concatenate((faces[:, 1], faces[:, 2]))
-    labels = _components(n_vertices, first, second)[faces[:, 0]]
+    labels = connected_labels(n_vertices, first, second)[faces[:, 0]]
     return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
@@ -205,7 +206,7 @@ def _boundary_loops(
     if len(half) == 0:
         return np.zeros(n_components, dtype=np.int64)
     start, end = corner_fans[half], corner_fans[3 * (half // 3) + (half % 3 + 1) % 3]
-    curves = _components(int(corner_fans.max()) + 1, start, end)[start]
+    curves = connected_labels(int(corner_fans.max()) + 1, start, end)[start]
     _, one_each = np.unique(curves, return_index=True)
     return np.bincount(labels[half[one_each] // 3], minlength=n_components)
 
@@ -230,7 +231,7 @@ def _orient(
     a, b = first // 3, second // 3
     n_faces = len(faces)
     turned = np.where(agree, b, b + n_faces), np.where(agree, b + n_faces, b)
-    sheets = _components(2 * n_faces, np.concatenate((a, a + n_faces)), np.concatenate(turned))
+    sheets = connected_labels(2 * n_faces, np.concatenate((a, a + n_faces)), np.concatenate(turned))
     given, opposite = sheets[:n_faces], sheets[n_faces:]
     is_twisted = given == opposite
     sizes = np.bincount(given, minlength=int(sheets.max()) + 1)

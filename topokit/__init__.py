@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from topokit.core.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
+    from topokit.losses.euler import EulerLoss, euler_loss
+    from topokit.losses.monitor import TopologyMonitor
     from topokit.registry import load
     from topokit.report import Evidence, TopologyReport
     from topokit.shape import Shape
@@ -23,12 +25,15 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Curvature": "topokit.core.curvature",
+    "EulerLoss": "topokit.losses.euler",
     "Evidence": "topokit.report",
     "GaussianSplats": "topokit.adapters.splats.gaussians",
     "Shape": "topokit.shape",
     "SurfaceSamples": "topokit.core.samples",
     "TopokitError": "topokit.errors",
+    "TopologyMonitor": "topokit.losses.monitor",
     "TopologyReport": "topokit.report",
+    "euler_loss": "topokit.losses.euler",
     "from_mesh": "topokit.adapters.mesh",
     "from_occupancy": "topokit.adapters.implicit",
     "from_points": "topokit.adapters.points",
@@ -40,12 +45,15 @@ _HOME = {
 
 __all__ = [
     "Curvature",
+    "EulerLoss",
     "Evidence",
     "GaussianSplats",
     "Shape",
     "SurfaceSamples",
     "TopokitError",
+    "TopologyMonitor",
     "TopologyReport",
+    "euler_loss",
     "from_mesh",
     "from_occupancy",
     "from_points",

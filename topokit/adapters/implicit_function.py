@@ -171,34 +171,32 @@ class FunctionField(Field):
         parts = [self.function(points) for points in torch.split(self.positions(), self._CHUNK)]
         return torch.cat(parts).reshape(self.shape)
 
-    def typical_change(self) -> float:
-        """See `Field.typical_change`."""
-        return median_step_at_crossings(self._detached())
+    def values_at(self, voxels: Tensor) -> Tensor:
+        """See `Field.values_at`; no other grid point is evaluated."""
+        _, n_y, n_z = self.shape
+        x, y, z = voxels.cpu().unbind(1)
+        positions = self.positions()[(x * n_y + y) * n_z + z]
+        parts = [self.function(points) for points in torch.split(positions, self._CHUNK)]
+        return torch.cat(parts)
 
     def exact_euler(self) -> Tensor:
         """See `Field.exact_euler`."""
-        return 2 * solid_euler(self._detached(), connectivity=self.connectivity)
+        return 2 * solid_euler(self.detached(), connectivity=self.connectivity)
 
     def smoothed_euler(self, tau: float) -> Tensor:
         """See `Field.smoothed_euler`."""
-        return self._smoothed(self._detached(), tau)
+        return self._smoothed(self.detached(), tau)
 
     def euler(self, tau: float | None = None) -> Tensor:
         """See `Field.euler`; the grid is evaluated once, whether or not τ is given."""
-        values = self._detached()
+        values = self.detached()
         tau = checked_tau(median_step_at_crossings(values) if tau is None else tau)
         return self._smoothed(values, tau) if tau > 0 else 2 * solid_euler(values, connectivity=self.connectivity)
 
-    def _detached(self) -> Tensor:
-        with torch.no_grad():
-            return self.values()
-
     def _smoothed(self, values: Tensor, tau: float) -> Tensor:
-        index = critical_index(values, self.connectivity).reshape(-1)
-        critical = index.nonzero()[:, 0]
-        positions = self.positions()[critical.cpu()]
-        again = torch.cat([self.function(points) for points in torch.split(positions, self._CHUNK)])
-        return 2 * (index[critical] * torch.sigmoid(again / tau)).sum()
+        index = critical_index(values, self.connectivity)
+        critical = index.nonzero()
+        return 2 * (index[index != 0] * torch.sigmoid(self.values_at(critical) / tau)).sum()
 
 
 def outward(gradient: Tensor, otherwise: Tensor) -> Tensor:

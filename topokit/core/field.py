@@ -14,7 +14,8 @@ from topokit.errors import InputError
 class Field(ABC):
     """A scalar field on a regular grid, positive inside the solid, and background outside the grid.
 
-    A subclass gives `values`; where only few of them need a gradient it may override `smoothed_euler`, too.
+    A subclass gives `values`; where they are cheaper one by one than all with a graph it overrides `detached`,
+    `values_at` and `smoothed_euler`, too.
 
     Attributes:
         origin: position of the first grid point, (x, y, z), in units of length.
@@ -35,6 +36,16 @@ class Field(ABC):
     def values(self) -> Tensor:
         """The field (X, Y, Z) minus its level: positive inside, differentiable in what the shape was made from."""
 
+    def detached(self) -> Tensor:
+        """The values without a graph."""
+        with torch.no_grad():
+            return self.values().detach()
+
+    def values_at(self, voxels: Tensor) -> Tensor:
+        """The values at grid points (M, 3) int64, as (M,); differentiable as `values` is."""
+        x, y, z = voxels.unbind(1)
+        return self.values()[x, y, z]
+
     def smoothed_euler(self, tau: float) -> Tensor:
         """χ_τ of the surface, see `topokit.core.grid_euler.smoothed_euler`; differentiable."""
         return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
@@ -49,7 +60,7 @@ class Field(ABC):
         Raises:
             InputError: if the field has the same sign at all grid points, so that there is no such cell.
         """
-        return median_step_at_crossings(self.values().detach())
+        return median_step_at_crossings(self.detached())
 
     def euler(self, tau: float | None = None) -> Tensor:
         """χ_τ of the field on its own grid, in its own connectivity.
@@ -66,6 +77,24 @@ class Field(ABC):
         """
         tau = checked_tau(self.typical_change() if tau is None else tau)
         return self.smoothed_euler(tau) if tau > 0 else self.exact_euler()
+
+
+class GridField(Field):
+    """A field that is its values on the grid (X, Y, Z), level subtracted."""
+
+    def __init__(
+        self,
+        values: Tensor,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
+        connectivity: int = 6,
+    ) -> None:
+        super().__init__(origin, spacing, connectivity)
+        self._values = values
+
+    def values(self) -> Tensor:
+        """See `Field.values`."""
+        return self._values
 
 
 def euler_of_field(field: Field | None, tau: float | None, name: str) -> Tensor:

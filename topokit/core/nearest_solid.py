@@ -1,0 +1,112 @@
+"""The solid of a wanted topology that is nearest to the one a field on a grid describes.
+
+Moving the level of a field removes parts, tunnels and cavities one after the other: {field > t} has the wanted Betti
+numbers for some levels t, if not for 0. The solid at the nearest such level is then moved back towards {field > 0} as far
+as its topology allows. Noise hides levels, so the field is also looked at smoothed by one and by two cells; of several
+solids the one that asks for the least change of the field is taken. Where no level has all of the numbers right, the one
+that comes nearest is taken, and the search goes on from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from topokit.core.grid_components import betti_numbers
+from topokit.core.grid_euler import critical_index
+from topokit.core.homotopy import deform
+from topokit.core.simple_points import Bools
+
+Betti = tuple[int, int, int]
+Change = Literal["any", "add", "remove"]
+Values = NDArray[np.floating]
+
+_SCALES = (0.0, 1.0, 2.0)  # smoothing, in cells
+_LEVELS = 8  # tried per scale
+_STAGES = 4  # of which each mends what one movement of the level can
+
+
+class _Candidate(NamedTuple):
+    missing: int  # total difference of Betti numbers
+    cost: float  # sum of squares of the values that would have to change sign
+    solid: Bools
+
+
+def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectivity: int | None = None) -> Bools | None:
+    """The solid with given Betti numbers that is nearest to {field > 0}, or None if none was found.
+
+    It differs from {field > 0} by what has to change, and by nothing else that could be kept.
+
+    Args:
+        field: (X, Y, Z), positive inside, finite.
+        betti: wanted numbers of components, tunnels and cavities of the solid.
+        change: whether voxels may only be added to the solid, only removed from it, or both.
+        connectivity: 6 or 26, that of the solid; None asks for the Betti numbers in both, so that any mesher agrees.
+
+    Returns:
+        (X, Y, Z) bool.
+    """
+    solid = field > 0
+    missing = _missing(solid, betti, connectivity)
+    for _ in range(_STAGES):
+        if missing == 0:
+            return solid
+        best = min(_candidates(field, betti, change, connectivity), default=None, key=lambda one: one[:2])
+        if best is None or best.missing >= missing:
+            return None
+        solid, missing = best.solid, best.missing
+        field = np.where(solid == (field > 0), field, -field)
+    return solid if missing == 0 else None
+
+
+def _candidates(field: Values, betti: Betti, change: Change, connectivity: int | None) -> Iterator[_Candidate]:
+    """The best solid of each scale."""
+    present = field > 0
+    for scale in _SCALES:
+        smooth = gaussian_filter(field, scale, mode="nearest", truncate=3.0) if scale else field
+        best: tuple[int, Bools] | None = None
+        for level in _levels(smooth, betti, change):
+            above = smooth > level
+            template = above | present if change == "add" else above & present if change == "remove" else above
+            missing = _missing(template, betti, connectivity)
+            if best is None or missing < best[0]:
+                best = missing, template
+            if missing == 0:
+                break
+        if best is not None:
+            solid = deform(best[1], present, connectivity)
+            yield _Candidate(best[0], float(np.square(field[solid != present]).sum()), solid)
+
+
+def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
+    """Levels whose solid has the wanted Euler characteristic or is near to having it, the nearest level first."""
+    index = critical_index(field).numpy()
+    values, jumps = field[index != 0], index[index != 0]
+    order = np.argsort(-values, kind="stable")
+    upper, euler = values[order], np.cumsum(jumps[order], dtype=np.int64)  # just below each value
+    lower = np.append(upper[1:], field.min())
+    middle, half = (upper + lower) / 2, (upper - lower) / 2
+    level = np.sign(middle) * np.maximum(np.abs(middle) - half + np.minimum(half, _depth(field)), 0)
+    allowed = half > 0
+    if change != "any":
+        allowed &= level < 0 if change == "add" else level > 0
+    off = np.abs(euler - (betti[0] - betti[1] + betti[2]))
+    best = np.lexsort((np.abs(level), off, ~allowed))[:_LEVELS]
+    return [float(level[k]) for k in best if allowed[k]]
+
+
+def _depth(field: Values) -> float:
+    """How far beyond a critical value a level is taken: a quarter of the field's typical change over one cell."""
+    return 0.25 * float(np.mean([np.abs(np.diff(field, axis=axis)).mean() for axis in range(3)]))
+
+
+def _missing(solid: Bools, betti: Betti, connectivity: int | None) -> int:
+    """Total difference from the wanted Betti numbers; the larger of the two connectivities' if both count."""
+    wanted = torch.tensor(betti)
+    both = (6, 26) if connectivity is None else (connectivity,)
+    return max(int((betti_numbers(solid, connectivity=one) - wanted).abs().sum()) for one in both)

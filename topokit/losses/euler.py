@@ -1,0 +1,189 @@
+"""The Euler loss: how far a field, or a shape that has one, is from a wanted topology."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import torch
+from torch import Tensor, nn
+
+from topokit.core.field import Field
+from topokit.core.grid_euler import smoothed_euler
+from topokit.core.nearest_solid import Change
+from topokit.errors import InputError
+from topokit.losses.goal import Target, goal_of
+from topokit.losses.guard import Guard, hinge
+from topokit.losses.parts import PartsGuard
+from topokit.losses.source import FieldSource, plain_field
+from topokit.shape import Shape
+
+Reduction = Literal["mean", "sum", "none"]
+
+
+class EulerLoss(nn.Module):
+    """(χ_τ − target)², and a guard for the Betti numbers that makes the topology change.
+
+    With `components` (1 by default) the loss asks for all three Betti numbers of the solid, so that χ = 2 is not met by a
+    torus and a stray blob. Its guard finds the nearest solid of that topology and pushes the voxels that decide it
+    (`topokit.losses.guard`): that is what opens, closes, joins, splits and removes. With `components=None` only χ_τ is
+    left: smooth and cheap, `torch.compile(fullgraph=True)`, but every critical point within about τ of the level is
+    pushed, noise and all. docs/topology-loss.md tells when which works.
+
+    The module remembers the nearest solid of each batch item from call to call (not in its `state_dict`): use one module
+    for each thing that is trained, and `reset()` it before another.
+
+    Args:
+        target: Euler characteristic of the surface; or a sequence, one for each component of the solid, the largest
+            first.
+        genus: instead of the target, the number of handles; or a sequence likewise.
+        components: of the solid; None asks for χ alone.
+        cavities: of the solid.
+        change: "any", or whether material may only be added ("add") or only removed ("remove"). χ_τ knows no such
+            distinction, so then the guard alone is used.
+        level: of a plain field; {field > level} is the solid.
+        connectivity: 6 or 26, of χ_τ of a plain field. The guard asks for the topology in both, so that any mesher
+            agrees.
+        euler_weight: of (χ_τ − target)².
+        guard_weight: of the guard's hinge.
+        refresh: calls between searches for a nearer solid; in between the known one follows the field.
+        resolution: grid points along a side, at most, for the winding field of samples.
+        reduction: "mean", "sum" or "none" over the batch.
+
+    Raises:
+        InputError: if no solid has these numbers, or an option is not known.
+
+    Example:
+        >>> import topokit as tk, torch
+        >>> axis = torch.linspace(-1, 1, 32)
+        >>> x, y, z = torch.meshgrid(axis, axis, axis, indexing="ij")
+        >>> torus, ball = 0.3 - torch.hypot(torch.hypot(x, y) - 0.5, z), 0.5 - torch.hypot(torch.hypot(x, y), z)
+        >>> [bool(tk.EulerLoss(genus=0)(field, tau=0.02) > 1) for field in (torus, ball)]
+        [True, False]
+    """
+
+    def __init__(
+        self,
+        target: Target = None,
+        *,
+        genus: int | Sequence[int] | None = None,
+        components: int | None = 1,
+        cavities: int = 0,
+        change: Change = "any",
+        level: float = 0.0,
+        connectivity: int = 6,
+        euler_weight: float = 1.0,
+        guard_weight: float = 10.0,
+        refresh: int = 20,
+        resolution: int = 64,
+        reduction: Reduction = "mean",
+    ) -> None:
+        super().__init__()
+        for name, value, known in (
+            ("change", change, ("any", "add", "remove")),
+            ("connectivity", connectivity, (6, 26)),
+            ("reduction", reduction, ("mean", "sum", "none")),
+        ):
+            if value not in known:
+                raise InputError(f"{name} must be one of {known}, not {value!r}.")
+        if refresh < 1:
+            raise InputError(f"refresh must be at least 1, not {refresh}.")
+        self.goal = goal_of(target, genus, components, cavities)
+        self.change: Change = change
+        self.euler_weight = euler_weight
+        self.guard_weight = guard_weight
+        self.refresh = refresh
+        self.reduction = reduction
+        self._source = FieldSource(level, connectivity, resolution)
+        self._guards: list[Guard | PartsGuard] = []
+        self._grids: list[object] = []
+
+    def reset(self) -> None:
+        """Forget the nearest solids."""
+        self._guards = []
+
+    def forward(self, source: Tensor | Shape, tau: float | None = None) -> Tensor:
+        """The loss.
+
+        Args:
+            source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field (from_sdf,
+                from_occupancy, from_voxels: of functions, only the voxels that matter are evaluated with a graph), or
+                with oriented samples (points, splats), whose winding field is used.
+            tau: how far about the level the loss looks, in units of the field: the scale of χ_τ, and the margin by which
+                the guard wants voxels on their side. Half the field's typical change over a cell if None.
+
+        Returns:
+            0-d tensor, or (...) with reduction "none"; at least single precision. Differentiable at a fixed choice of
+            critical and decisive voxels; finite for infinite and constant fields.
+
+        Raises:
+            InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
+        """
+        if tau is not None and not 0 < tau < math.inf:
+            raise InputError(f"tau must be a positive number, not {tau}.")
+        if self.goal.betti is None and isinstance(source, Tensor) and tau is not None:
+            chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
+            return self._reduced(self.euler_weight * (chi - self.goal.euler).square())
+        fields = self._source(source)
+        guards = self._guards_of(fields)
+        losses = [self._one(field, guard, tau) for field, guard in zip(fields, guards, strict=True)]
+        return self._reduced(torch.stack(losses).reshape(source.shape[:-3] if isinstance(source, Tensor) else ()))
+
+    def _one(self, field: Field, guard: Guard | PartsGuard | None, tau: float | None) -> Tensor:
+        """The loss of one field."""
+        tau = 0.5 * field.typical_change() if tau is None else tau
+        parts = []
+        if guard is None or (self.change == "any" and self.euler_weight):
+            parts.append(self.euler_weight * (field.smoothed_euler(tau) - self.goal.euler).square())
+        if guard is not None:
+            parts.append(self.guard_weight * self._guarded(field, guard, tau))
+        return torch.stack(parts).sum()
+
+    @torch.compiler.disable
+    def _guarded(self, field: Field, guard: Guard | PartsGuard, tau: float) -> Tensor:
+        values = field.detached()
+        decisive = guard.decisive(values.cpu().numpy(), tau)
+        if decisive is None:
+            warnings.warn(
+                f"no movement of the level gives the solid {self.goal.betti} components, tunnels and cavities "
+                f"(change={self.change!r}), so the guard is silent. Is the grid too coarse, or is there nothing yet that could "
+                "become them?",
+                stacklevel=2,
+            )
+            return values.new_zeros(())
+        return hinge(field, decisive, tau)
+
+    @torch.compiler.disable
+    def _guards_of(self, fields: list[Field]) -> list[Guard | PartsGuard] | list[None]:
+        """The guard of each field; new ones where the grids are not those of the last call."""
+        if self.goal.betti is None:
+            return [None] * len(fields)
+        grids = [(field.origin, field.spacing, field.detached().shape) for field in fields]
+        if not self._guards or grids != self._grids:
+            self._grids, self._guards = grids, [self._new_guard() for _ in fields]
+        return self._guards
+
+    def _new_guard(self) -> Guard | PartsGuard:
+        assert self.goal.betti is not None
+        if self.goal.parts:
+            return PartsGuard(self.goal.parts, self.change, self.refresh)
+        return Guard(self.goal.betti, self.change, self.refresh)
+
+    def _reduced(self, losses: Tensor) -> Tensor:
+        if self.reduction == "none":
+            return losses
+        return losses.mean() if self.reduction == "mean" else losses.sum()
+
+
+def euler_loss(source: Tensor | Shape, target: Target = None, tau: float | None = None, **options: Any) -> Tensor:
+    """`EulerLoss(target, **options)(source, tau)`, which see; it remembers nothing, so it searches at every call.
+
+    Example:
+        >>> import topokit as tk, torch
+        >>> noise = torch.randn(2, 8, 8, 8, generator=torch.Generator().manual_seed(0))
+        >>> tk.euler_loss(noise, target=2.0, tau=0.1, components=None, reduction="none").shape
+        torch.Size([2])
+    """
+    return EulerLoss(target, **options)(source, tau)

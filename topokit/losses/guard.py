@@ -1,0 +1,97 @@
+"""The guard: a hinge on the voxels that decide the topology.
+
+Beside the solid that the field describes stands the nearest solid of the wanted topology. A voxel that is simple in it may
+lie on either side; every other voxel decides the topology, and the guard asks the field to be on the solid's side of the
+level there, by a margin. So a part too many loses all its voxels at once and a missing bridge gains a whole row of them,
+where a critical point would be one voxel at a time; and what is right is held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import smooth_l1_loss
+
+from topokit.core.field import Field
+from topokit.core.homotopy import deform
+from topokit.core.nearest_solid import Betti, Change, Values, nearest_solid
+from topokit.core.simple_points import Bools, PaddedSolid, is_simple
+
+_CHEAPER = 0.5  # share of the known solid's cost below which another one is taken instead
+
+
+@dataclass(frozen=True)
+class Decisive:
+    """Voxels that must be on a given side of the level and are not, or not by the margin.
+
+    Attributes:
+        voxels: (M, 3) int64 grid indices (x, y, z), on the CPU.
+        sides: (M,) float64, +1 where the field must be above the level, -1 where below.
+    """
+
+    voxels: Tensor
+    sides: Tensor
+
+
+class Guard:
+    """Keeps the nearest solid of a wanted topology beside one field that changes slowly, as in a training loop.
+
+    Attributes:
+        solid: (X, Y, Z) bool, or None as long as none was found.
+    """
+
+    def __init__(self, betti: Betti, change: Change, refresh: int) -> None:
+        """Args: betti: components, tunnels, cavities; change: see `nearest_solid`; refresh: calls between searches."""
+        self.betti = betti
+        self.change = change
+        self.refresh = refresh
+        self.solid: Bools | None = None
+        self._calls = 0
+
+    def decisive(self, field: Values, margin: float) -> Decisive | None:
+        """What the field has to change and to hold, or None if no solid of the wanted topology is in reach.
+
+        Args:
+            field: (X, Y, Z), level subtracted, positive inside. NaN is background; infinite values cannot be moved.
+            margin: by which the field has to be on the right side.
+        """
+        movable = np.isfinite(field)
+        field = np.nan_to_num(field, nan=-1.0, posinf=np.max(field, where=movable, initial=1.0), neginf=-1.0)
+        self._follow(field)
+        if self.solid is None:
+            return None
+        short = movable & (np.where(self.solid, field, -field) < margin)
+        padded = PaddedSolid(self.solid)
+        voxels = np.argwhere(short)[~is_simple(padded.codes(padded.indices(short)))]
+        return Decisive(torch.from_numpy(voxels), torch.from_numpy(np.where(self.solid[tuple(voxels.T)], 1.0, -1.0)))
+
+    def _follow(self, field: Values) -> None:
+        """Bring the solid up to date with the field."""
+        present = field > 0
+        if self.solid is not None:
+            self.solid = deform(self.solid, present)
+        is_due = self._calls % self.refresh == 0
+        self._calls += 1
+        if not is_due or (self.solid is not None and np.array_equal(self.solid, present)):
+            return
+        found = nearest_solid(field, self.betti, self.change)
+        if found is not None and (self.solid is None or _cost(field, found) < _CHEAPER * _cost(field, self.solid)):
+            self.solid = found
+
+
+def hinge(field: Field, decisive: Decisive, margin: float) -> Tensor:
+    """How far the decisive voxels are from where they must be, in margins: the mean of a Huber loss, 0-d.
+
+    Differentiable in the field's values at these voxels.
+    """
+    values = field.values_at(decisive.voxels)
+    values = values if values.dtype.itemsize >= 4 else values.float()
+    short = torch.relu(1 - decisive.sides.to(values) * values / margin)
+    return smooth_l1_loss(short, torch.zeros_like(short), reduction="sum") / max(len(short), 1)
+
+
+def _cost(field: Values, solid: Bools) -> float:
+    return float(np.square(field[solid != (field > 0)]).sum())

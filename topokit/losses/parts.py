@@ -1,0 +1,55 @@
+"""A guard for each component of a solid, where each has a topology of its own to reach."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from topokit.core.nearest_solid import Betti, Change, Values
+from topokit.losses.guard import Decisive, Guard
+
+
+class PartsGuard:
+    """First the whole solid is asked for its number of components and their sum; then each in its own region.
+
+    A region is what lies nearer to its component than to any other. Components are told apart by size, the largest
+    first, when their number has become right; after that each keeps its place.
+    """
+
+    def __init__(self, parts: tuple[Betti, ...], change: Change, refresh: int) -> None:
+        """Args: parts: Betti numbers of each component, largest first; change, refresh: see `Guard`."""
+        self._whole = Guard(tuple(np.sum(parts, axis=0).tolist()), change, refresh)
+        self._guards = [Guard(part, change, refresh) for part in parts]
+        self._regions: NDArray[np.int64] | None = None
+
+    def decisive(self, field: Values, margin: float) -> Decisive | None:
+        """See `Guard.decisive`."""
+        if self._regions is None:
+            self._regions = _regions(field > 0, len(self._guards))
+        if self._regions is None:
+            return self._whole.decisive(field, margin)
+        wall = -np.abs(field[np.isfinite(field)]).max(initial=1.0)
+        voxels, sides = [], []
+        for number, guard in enumerate(self._guards):
+            mine = self._regions == number
+            found = guard.decisive(np.where(mine, field, wall), margin)
+            if found is None:
+                return None
+            inside = torch.from_numpy(mine[tuple(found.voxels.T.numpy())])
+            voxels.append(found.voxels[inside])
+            sides.append(found.sides[inside])
+        return Decisive(torch.cat(voxels), torch.cat(sides))
+
+
+def _regions(solid: NDArray[np.bool_], count: int) -> NDArray[np.int64] | None:
+    """(X, Y, Z) number of the nearest component, 0 for the largest; None unless there are `count` components."""
+    labels, found = ndimage.label(solid)
+    if found != count:
+        return None
+    sizes = np.bincount(labels.ravel())[1:]
+    rank = np.empty(found + 1, dtype=np.int64)
+    rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(found)
+    nearest = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
+    return rank[labels[tuple(nearest)]]

@@ -1,0 +1,78 @@
+"""What a loss may be given: a field on a grid, a batch of them, or a shape, whose field this finds or makes."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from topokit.core.field import Field, GridField
+from topokit.core.splines import Grid, make_grid
+from topokit.core.winding import winding_field
+from topokit.errors import InputError
+from topokit.shape import Shape
+
+_MARGIN_CELLS = 4  # samples may come this near to the border of the grid before a new one is laid
+
+
+class FieldSource:
+    """Fields of what a loss is given, one per batch item; a grid laid around samples stays where it is while they fit."""
+
+    def __init__(self, level: float, connectivity: int, resolution: int) -> None:
+        """Args: level and connectivity of plain fields; resolution: most grid points along a side around samples."""
+        self.level = level
+        self.connectivity = connectivity
+        self.resolution = resolution
+        self._grid: Grid | None = None
+
+    def __call__(self, source: Tensor | Shape) -> list[Field]:
+        """The fields.
+
+        Raises:
+            InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or with
+                oriented samples.
+        """
+        if isinstance(source, Tensor):
+            items = plain_field(source).reshape(-1, *source.shape[-3:])
+            return [GridField(item - self.level, connectivity=self.connectivity) for item in items]
+        if not isinstance(source, Shape):
+            raise InputError(
+                f"the loss got {type(source).__name__}; expected a field (..., X, Y, Z), positive inside, or a Shape."
+            )
+        return [source.field or self._of_samples(source)]
+
+    def _of_samples(self, shape: Shape) -> Field:
+        if not shape.samples.oriented or shape.samples.points.ndim != 2:
+            raise InputError(
+                f"{shape.name} is neither a field nor one cloud with oriented normals: pass the normals to from_points, or "
+                "use shape.oriented()."
+            )
+        local = shape.curvature()
+        points = shape.samples.points
+        if self._grid is None or not _is_around(self._grid, points):
+            spacing = float(local.area.detach().mean().sqrt())
+            self._grid = make_grid(points, spacing, 1.0, self.resolution**3, self.resolution // 2)
+        grid = self._grid
+        values = winding_field(points, local.normals, local.area, grid).values
+        x, y, z = grid.origin.tolist()
+        return GridField(values - 0.5, (x, y, z), (grid.cell,) * 3, self.connectivity)
+
+
+def plain_field(field: Tensor) -> Tensor:
+    """The field itself, in single precision if it came in half.
+
+    Raises:
+        InputError: if it is not a floating-point tensor (..., X, Y, Z).
+    """
+    if not field.is_floating_point() or field.ndim < 3:
+        raise InputError(
+            f"the loss got a tensor of shape {tuple(field.shape)} and type {field.dtype}; expected a floating-point "
+            "field (..., X, Y, Z), positive inside."
+        )
+    return field if field.dtype.itemsize >= 4 else field.float()
+
+
+def _is_around(grid: Grid, points: Tensor) -> bool:
+    margin = _MARGIN_CELLS * grid.cell
+    size = torch.tensor([(n - 1) * grid.cell for n in grid.shape], dtype=points.dtype, device=points.device)
+    inside = (points.detach() > grid.origin + margin) & (points.detach() < grid.origin + size - margin)
+    return bool(inside.all())

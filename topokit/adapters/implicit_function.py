@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.field import Field, checked_tau, median_step_at_crossings
-from topokit.core.grid_euler import critical_index, solid_euler
+from topokit.core.grid_euler import solid_euler
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
 
@@ -183,20 +183,15 @@ class FunctionField(Field):
         """See `Field.exact_euler`."""
         return 2 * solid_euler(self.detached(), connectivity=self.connectivity)
 
-    def smoothed_euler(self, tau: float) -> Tensor:
+    def smoothed_euler(self, tau: float, values: Tensor | None = None) -> Tensor:
         """See `Field.smoothed_euler`."""
-        return self._smoothed(self.detached(), tau)
+        return super().smoothed_euler(tau, self.detached() if values is None else values)
 
     def euler(self, tau: float | None = None) -> Tensor:
         """See `Field.euler`; the grid is evaluated once, whether or not τ is given."""
         values = self.detached()
         tau = checked_tau(median_step_at_crossings(values) if tau is None else tau)
-        return self._smoothed(values, tau) if tau > 0 else 2 * solid_euler(values, connectivity=self.connectivity)
-
-    def _smoothed(self, values: Tensor, tau: float) -> Tensor:
-        index = critical_index(values, self.connectivity)
-        critical = index.nonzero()
-        return 2 * (index[index != 0] * torch.sigmoid(self.values_at(critical) / tau)).sum()
+        return self.smoothed_euler(tau, values) if tau > 0 else 2 * solid_euler(values, connectivity=self.connectivity)
 
 
 def outward(gradient: Tensor, otherwise: Tensor) -> Tensor:

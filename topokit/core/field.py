@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
-from topokit.core.grid_euler import smoothed_euler, solid_euler
+from topokit.core.grid_euler import critical_index, smoothed_euler, solid_euler
 from topokit.errors import InputError
 
 
@@ -46,9 +46,20 @@ class Field(ABC):
         x, y, z = voxels.unbind(1)
         return self.values()[x, y, z]
 
-    def smoothed_euler(self, tau: float) -> Tensor:
-        """χ_τ of the surface, see `topokit.core.grid_euler.smoothed_euler`; differentiable."""
-        return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
+    def smoothed_euler(self, tau: float, values: Tensor | None = None) -> Tensor:
+        """χ_τ of the surface, see `topokit.core.grid_euler.smoothed_euler`; differentiable.
+
+        Args:
+            tau: scale of the levels.
+            values: what `detached` returns, if it is at hand: then only the critical grid points, which are all that
+                χ_τ depends on, are evaluated with a graph.
+        """
+        if values is None:
+            return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
+        index = critical_index(values, self.connectivity)
+        critical = self.values_at(index.nonzero())
+        wide = critical if critical.dtype.itemsize >= 4 else critical.float()
+        return 2 * (index[index != 0] * torch.sigmoid(wide / tau)).sum()
 
     def exact_euler(self) -> Tensor:
         """χ of the surface of {values > 0} on the grid: the limit of χ_τ as τ → 0, a 0-d int64 tensor."""

@@ -1,10 +1,10 @@
 """The solid of a wanted topology that is nearest to the one a field on a grid describes.
 
 Moving the level of a field removes parts, tunnels and cavities one after the other: {field > t} has the wanted Betti
-numbers for some levels t, if not for 0. The solid at the nearest such level is then moved back towards {field > 0} as far
-as its topology allows. Noise hides levels, so the field is also looked at smoothed by one and by two cells; of several
-solids the one that asks for the least change of the field is taken. Where no level has all of the numbers right, the one
-that comes nearest is taken, and the search goes on from there.
+numbers for some levels t, if not for 0. The solid at the nearest such level is then moved back towards {field > 0} as
+far as its topology allows. Noise hides levels, so the field is also looked at smoothed by one and by two cells; of
+several solids the one that asks for the least change of the field is taken. Where no level has all of the numbers
+right, the one that comes nearest is taken, and the search goes on from there.
 """
 
 from __future__ import annotations

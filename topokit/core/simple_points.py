@@ -1,8 +1,8 @@
 """Simple points of a solid on a 3D grid: the voxels that can be added or removed without changing its topology.
 
-Whether a voxel is simple is decided by its 26 neighbours alone: it is, exactly when the solid among them has one component
-that touches the voxel and the background has one, each in its own connectivity. The 3 x 3 x 3 neighbourhood is held in
-the bits of one integer, so that growing a component by one step is a few shifts, for all voxels at once.
+Whether a voxel is simple is decided by its 26 neighbours alone: it is, exactly when the solid among them has one
+component that touches the voxel and the background has one, each in its own connectivity. The 3 x 3 x 3 neighbourhood
+is held in the bits of one integer, so that growing a component by one step is a few shifts, for all voxels at once.
 
 Reference:
     G. Bertrand, G. Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters

@@ -25,8 +25,8 @@ class CriticalPoints:
         values: (M,), field minus level.
         index: (M,) int64, change of the solid's Euler characteristic.
         kinds: what happens there as the level falls: "appears" (a part), "joins" (parts join, or a handle closes on
-            itself and a tunnel opens), "closes" (a tunnel closes or a cavity is walled off), "fills" (a cavity vanishes),
-            or "several" of these at once.
+            itself and a tunnel opens), "closes" (a tunnel closes or a cavity is walled off), "fills" (a cavity
+            vanishes), or "several" of these at once.
         push: (M,), minus the derivative of (χ_τ - target)² with respect to the field: positive where descent raises
             it.
     """

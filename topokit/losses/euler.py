@@ -10,7 +10,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from topokit.core.field import Field
+from topokit.core.field import Field, median_step_at_crossings
 from topokit.core.grid_euler import smoothed_euler
 from topokit.core.nearest_solid import Change
 from topokit.errors import InputError
@@ -26,14 +26,14 @@ Reduction = Literal["mean", "sum", "none"]
 class EulerLoss(nn.Module):
     """(χ_τ − target)², and a guard for the Betti numbers that makes the topology change.
 
-    With `components` (1 by default) the loss asks for all three Betti numbers of the solid, so that χ = 2 is not met by a
-    torus and a stray blob. Its guard finds the nearest solid of that topology and pushes the voxels that decide it
+    With `components` (1 by default) the loss asks for all three Betti numbers of the solid, so that χ = 2 is not met by
+    a torus and a stray blob. Its guard finds the nearest solid of that topology and pushes the voxels that decide it
     (`topokit.losses.guard`): that is what opens, closes, joins, splits and removes. With `components=None` only χ_τ is
     left: smooth and cheap, `torch.compile(fullgraph=True)`, but every critical point within about τ of the level is
     pushed, noise and all. docs/topology-loss.md tells when which works.
 
-    The module remembers the nearest solid of each batch item from call to call (not in its `state_dict`): use one module
-    for each thing that is trained, and `reset()` it before another.
+    The module remembers the nearest solid of each batch item from call to call (not in its `state_dict`): use one
+    module for each thing that is trained, and `reset()` it before another.
 
     Args:
         target: Euler characteristic of the surface; or a sequence, one for each component of the solid, the largest
@@ -98,7 +98,7 @@ class EulerLoss(nn.Module):
         self.reduction = reduction
         self._source = FieldSource(level, connectivity, resolution)
         self._guards: list[Guard | PartsGuard] = []
-        self._grids: list[object] = []
+        self._grids: Sequence[object] = ()
 
     def reset(self) -> None:
         """Forget the nearest solids."""
@@ -108,11 +108,11 @@ class EulerLoss(nn.Module):
         """The loss.
 
         Args:
-            source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field (from_sdf,
-                from_occupancy, from_voxels: of functions, only the voxels that matter are evaluated with a graph), or
-                with oriented samples (points, splats), whose winding field is used.
-            tau: how far about the level the loss looks, in units of the field: the scale of χ_τ, and the margin by which
-                the guard wants voxels on their side. Half the field's typical change over a cell if None.
+            source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field
+                (from_sdf, from_occupancy, from_voxels: of functions, only the voxels that matter are evaluated with a
+                graph), or with oriented samples (points, splats), whose winding field is used.
+            tau: how far about the level the loss looks, in units of the field: the scale of χ_τ, and the margin by
+                which the guard wants voxels on their side. Half the field's typical change over a cell if None.
 
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Differentiable at a fixed choice of
@@ -127,40 +127,42 @@ class EulerLoss(nn.Module):
             chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
             return self._reduced(self.euler_weight * (chi - self.goal.euler).square())
         fields = self._source(source)
-        guards = self._guards_of(fields)
-        losses = [self._one(field, guard, tau) for field, guard in zip(fields, guards, strict=True)]
+        values = [field.detached() for field in fields]
+        guards = self._guards_of(fields, values)
+        losses = [self._one(*item, tau) for item in zip(fields, values, guards, strict=True)]
         return self._reduced(torch.stack(losses).reshape(source.shape[:-3] if isinstance(source, Tensor) else ()))
 
-    def _one(self, field: Field, guard: Guard | PartsGuard | None, tau: float | None) -> Tensor:
-        """The loss of one field."""
-        tau = 0.5 * field.typical_change() if tau is None else tau
+    def _one(self, field: Field, values: Tensor, guard: Guard | PartsGuard | None, tau: float | None) -> Tensor:
+        """The loss of one field; its values without a graph are at hand."""
+        tau = 0.5 * median_step_at_crossings(values) if tau is None else tau
         parts = []
         if guard is None or (self.change == "any" and self.euler_weight):
-            parts.append(self.euler_weight * (field.smoothed_euler(tau) - self.goal.euler).square())
+            chi = field.smoothed_euler(tau, values)
+            parts.append(self.euler_weight * (chi - self.goal.euler).square())
         if guard is not None:
-            parts.append(self.guard_weight * self._guarded(field, guard, tau))
+            parts.append(self.guard_weight * self._guarded(field, values, guard, tau))
         return torch.stack(parts).sum()
 
-    @torch.compiler.disable
-    def _guarded(self, field: Field, guard: Guard | PartsGuard, tau: float) -> Tensor:
-        values = field.detached()
-        decisive = guard.decisive(values.cpu().numpy(), tau)
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def _guarded(self, field: Field, values: Tensor, guard: Guard | PartsGuard, tau: float) -> Tensor:
+        wide = values if values.dtype.itemsize >= 4 else values.float()
+        decisive = guard.decisive(wide.cpu().numpy(), tau)
         if decisive is None:
             warnings.warn(
                 f"no movement of the level gives the solid {self.goal.betti} components, tunnels and cavities "
-                f"(change={self.change!r}), so the guard is silent. Is the grid too coarse, or is there nothing yet that could "
-                "become them?",
+                f"(change={self.change!r}), so the guard is silent. Is the grid too coarse, or is there nothing yet "
+                "that could become them?",
                 stacklevel=2,
             )
-            return values.new_zeros(())
+            return wide.new_zeros(())
         return hinge(field, decisive, tau)
 
-    @torch.compiler.disable
-    def _guards_of(self, fields: list[Field]) -> list[Guard | PartsGuard] | list[None]:
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def _guards_of(self, fields: list[Field], values: list[Tensor]) -> list[Guard | PartsGuard] | list[None]:
         """The guard of each field; new ones where the grids are not those of the last call."""
         if self.goal.betti is None:
             return [None] * len(fields)
-        grids = [(field.origin, field.spacing, field.detached().shape) for field in fields]
+        grids = [(field.origin, field.spacing, one.shape) for field, one in zip(fields, values, strict=True)]
         if not self._guards or grids != self._grids:
             self._grids, self._guards = grids, [self._new_guard() for _ in fields]
         return self._guards

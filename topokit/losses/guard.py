@@ -1,9 +1,9 @@
 """The guard: a hinge on the voxels that decide the topology.
 
-Beside the solid that the field describes stands the nearest solid of the wanted topology. A voxel that is simple in it may
-lie on either side; every other voxel decides the topology, and the guard asks the field to be on the solid's side of the
-level there, by a margin. So a part too many loses all its voxels at once and a missing bridge gains a whole row of them,
-where a critical point would be one voxel at a time; and what is right is held.
+Beside the solid that the field describes stands the nearest solid of the wanted topology. A voxel that is simple in it
+may lie on either side; every other voxel decides the topology, and the guard asks the field to be on the solid's side
+of the level there, by a margin. So a part too many loses all its voxels at once and a missing bridge gains a whole row
+of them, where a critical point would be one voxel at a time; and what is right is held.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Guard:
             margin: by which the field has to be on the right side.
         """
         movable = np.isfinite(field)
-        field = np.nan_to_num(field, nan=-1.0, posinf=np.max(field, where=movable, initial=1.0), neginf=-1.0)
+        field = np.where(movable, field, np.where(field > 0, 1.0, -1.0))
         self._follow(field)
         if self.solid is None:
             return None

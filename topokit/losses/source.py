@@ -15,7 +15,7 @@ _MARGIN_CELLS = 4  # samples may come this near to the border of the grid before
 
 
 class FieldSource:
-    """Fields of what a loss is given, one per batch item; a grid laid around samples stays where it is while they fit."""
+    """Fields of what a loss is given, one per batch item; a grid laid around samples stays while they fit."""
 
     def __init__(self, level: float, connectivity: int, resolution: int) -> None:
         """Args: level and connectivity of plain fields; resolution: most grid points along a side around samples."""
@@ -28,8 +28,8 @@ class FieldSource:
         """The fields.
 
         Raises:
-            InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or with
-                oriented samples.
+            InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or
+                with oriented samples.
         """
         if isinstance(source, Tensor):
             items = plain_field(source).reshape(-1, *source.shape[-3:])
@@ -43,8 +43,8 @@ class FieldSource:
     def _of_samples(self, shape: Shape) -> Field:
         if not shape.samples.oriented or shape.samples.points.ndim != 2:
             raise InputError(
-                f"{shape.name} is neither a field nor one cloud with oriented normals: pass the normals to from_points, or "
-                "use shape.oriented()."
+                f"{shape.name} is neither a field nor one cloud with oriented normals: pass the normals to from_points, "
+                "or use shape.oriented()."
             )
         local = shape.curvature()
         points = shape.samples.points

@@ -43,7 +43,7 @@ class FieldSource:
     def _of_samples(self, shape: Shape) -> Field:
         if not shape.samples.oriented or shape.samples.points.ndim != 2:
             raise InputError(
-                f"{shape.name} is neither a field nor one cloud with oriented normals: pass the normals to from_points, "
+                f"{shape.name} is neither a field nor one cloud with oriented normals: pass normals to from_points, "
                 "or use shape.oriented()."
             )
         local = shape.curvature()

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
-from topokit.core.grid_euler import critical_index, smoothed_euler, solid_euler
+from topokit.core.grid_euler import at_least_single, critical_index, smoothed_euler, solid_euler
 from topokit.errors import InputError
 
 
@@ -57,9 +57,9 @@ class Field(ABC):
         if values is None:
             return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
         index = critical_index(values, self.connectivity)
-        critical = self.values_at(index.nonzero())
-        wide = critical if critical.dtype.itemsize >= 4 else critical.float()
-        return 2 * (index[index != 0] * torch.sigmoid(wide / tau)).sum()
+        counts = (index != 0) | values.isnan()  # NaN gives NaN, as everywhere
+        critical = at_least_single(self.values_at(counts.nonzero()))
+        return 2 * (index[counts] * torch.sigmoid(critical / tau)).sum()
 
     def exact_euler(self) -> Tensor:
         """χ of the surface of {values > 0} on the grid: the limit of χ_τ as τ → 0, a 0-d int64 tensor."""

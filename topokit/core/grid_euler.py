@@ -143,8 +143,7 @@ def smoothed_euler(field: Tensor, tau: float | Tensor, level: float = 0.0, conne
     layers = _slab_layers(field, _SLAB)
     total = torch.zeros((), device=field.device)
     for values, indices in zip(field.split(layers, -3), index.split(layers, -3), strict=True):
-        wide = values if values.dtype.itemsize >= 4 else values.float()
-        total = total + (indices * torch.sigmoid((wide - level) / tau)).sum(_AXES)
+        total = total + (indices * torch.sigmoid((at_least_single(values) - level) / tau)).sum(_AXES)
     return 2 * total
 
 
@@ -164,6 +163,11 @@ def as_grid(field: Tensor | ArrayLike, connectivity: int) -> Tensor:
     if connectivity not in (6, 26):
         raise InputError(f"connectivity must be 6 or 26, not {connectivity}")
     return field.to(_WIDER.get(field.dtype, field.dtype))
+
+
+def at_least_single(values: Tensor) -> Tensor:
+    """The values, in float32 if they came in a half precision."""
+    return values if values.dtype.itemsize >= 4 else values.float()
 
 
 def _alternating_count(cells: Tensor, axes: tuple[int, ...] = (-1, -2)) -> Tensor:

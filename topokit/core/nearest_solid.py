@@ -60,7 +60,8 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
         if best is None or best.missing >= missing:
             return None
         solid, missing = best.solid, best.missing
-        field = np.where(solid == (field > 0), field, -field)
+        least = np.finfo(field.dtype).tiny  # a voxel on the level itself has a side, too
+        field = np.where(solid == (field > 0), field, np.where(solid, np.maximum(-field, least), -field))
     return solid if missing == 0 else None
 
 
@@ -80,7 +81,13 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
                 break
         if best is not None:
             solid = deform(best[1], present, connectivity)
-            yield _Candidate(best[0], float(np.square(field[solid != present]).sum()), solid)
+            yield _Candidate(best[0], cost(field, solid), solid)
+
+
+def cost(field: Values, solid: Bools) -> float:
+    """Sum of squares of the values that would have to change sign; infinite where that overflows."""
+    with np.errstate(over="ignore"):
+        return float(np.square(field[solid != (field > 0)], dtype=np.float64).sum())
 
 
 def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
@@ -89,7 +96,7 @@ def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
     values, jumps = field[index != 0], index[index != 0]
     order = np.argsort(-values, kind="stable")
     upper, euler = values[order], np.cumsum(jumps[order], dtype=np.int64)  # just below each value
-    lower = np.append(upper[1:], field.min())
+    lower = np.append(upper[1:], field.min() - max(abs(float(field.min())), 1.0))  # below all: the grid is the solid
     middle, half = (upper + lower) / 2, (upper - lower) / 2
     level = np.sign(middle) * np.maximum(np.abs(middle) - half + np.minimum(half, _depth(field)), 0)
     allowed = half > 0
@@ -101,8 +108,9 @@ def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
 
 
 def _depth(field: Values) -> float:
-    """How far beyond a critical value a level is taken: a quarter of the field's typical change over one cell."""
-    return 0.25 * float(np.mean([np.abs(np.diff(field, axis=axis)).mean() for axis in range(3)]))
+    """How far beyond a critical value a level is taken: a quarter of the field's typical change over a cell, if any."""
+    steps = [np.abs(np.diff(field, axis=axis)).mean() for axis in range(3) if field.shape[axis] > 1]
+    return 0.25 * float(np.mean(steps or 0.0)) or np.inf
 
 
 def _missing(solid: Bools, betti: Betti, connectivity: int | None) -> int:

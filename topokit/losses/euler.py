@@ -11,16 +11,18 @@ import torch
 from torch import Tensor, nn
 
 from topokit.core.field import Field, median_step_at_crossings
-from topokit.core.grid_euler import smoothed_euler
+from topokit.core.grid_euler import at_least_single, smoothed_euler
 from topokit.core.nearest_solid import Change
 from topokit.errors import InputError
 from topokit.losses.goal import Target, goal_of
-from topokit.losses.guard import Guard, hinge
+from topokit.losses.guard import Guard, hinge, nothing
 from topokit.losses.parts import PartsGuard
 from topokit.losses.source import FieldSource, plain_field
 from topokit.shape import Shape
 
 Reduction = Literal["mean", "sum", "none"]
+
+_FINEST = 1e-30  # of τ: slopes go with 1 / τ, and single precision has to hold them
 
 
 class EulerLoss(nn.Module):
@@ -83,14 +85,17 @@ class EulerLoss(nn.Module):
         super().__init__()
         for name, value, known in (
             ("change", change, ("any", "add", "remove")),
-            ("connectivity", connectivity, (6, 26)),
             ("reduction", reduction, ("mean", "sum", "none")),
         ):
             if value not in known:
                 raise InputError(f"{name} must be one of {known}, not {value!r}.")
         if refresh < 1:
             raise InputError(f"refresh must be at least 1, not {refresh}.")
+        if not (0 <= euler_weight < math.inf and 0 <= guard_weight < math.inf):
+            raise InputError(f"weights must be finite and not negative, got {euler_weight} and {guard_weight}.")
         self.goal = goal_of(target, genus, components, cavities)
+        if self.goal.betti is None and change != "any":
+            raise InputError(f"change={change!r} needs components: χ alone knows no such distinction.")
         self.change: Change = change
         self.euler_weight = euler_weight
         self.guard_weight = guard_weight
@@ -116,13 +121,15 @@ class EulerLoss(nn.Module):
 
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Differentiable at a fixed choice of
-            critical and decisive voxels; finite for infinite and constant fields.
+            critical and decisive voxels; finite for infinite and constant fields. NaN in a plain field gives NaN in
+            χ_τ; to the guard it is background. Slopes go with 1 / tau: a float16 field cannot hold them when tau is
+            below about 1e-3.
 
         Raises:
             InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
         """
-        if tau is not None and not 0 < tau < math.inf:
-            raise InputError(f"tau must be a positive number, not {tau}.")
+        if tau is not None and (isinstance(tau, Tensor) or not _FINEST <= tau < math.inf):
+            raise InputError(f"tau must be a positive number, not {tau!r}.")
         if self.goal.betti is None and isinstance(source, Tensor) and tau is not None:
             chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
             return self._reduced(self.euler_weight * (chi - self.goal.euler).square())
@@ -134,7 +141,7 @@ class EulerLoss(nn.Module):
 
     def _one(self, field: Field, values: Tensor, guard: Guard | PartsGuard | None, tau: float | None) -> Tensor:
         """The loss of one field; its values without a graph are at hand."""
-        tau = 0.5 * median_step_at_crossings(values) if tau is None else tau
+        tau = max(0.5 * median_step_at_crossings(values), _FINEST) if tau is None else tau
         parts = []
         if guard is None or (self.change == "any" and self.euler_weight):
             chi = field.smoothed_euler(tau, values)
@@ -145,8 +152,7 @@ class EulerLoss(nn.Module):
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def _guarded(self, field: Field, values: Tensor, guard: Guard | PartsGuard, tau: float) -> Tensor:
-        wide = values if values.dtype.itemsize >= 4 else values.float()
-        decisive = guard.decisive(wide.cpu().numpy(), tau)
+        decisive = guard.decisive(at_least_single(values).cpu().numpy(), tau)
         if decisive is None:
             warnings.warn(
                 f"no movement of the level gives the solid {self.goal.betti} components, tunnels and cavities "
@@ -154,7 +160,7 @@ class EulerLoss(nn.Module):
                 "that could become them?",
                 stacklevel=2,
             )
-            return wide.new_zeros(())
+            return nothing(field)
         return hinge(field, decisive, tau)
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Integral, Real
 
 from topokit.core.nearest_solid import Betti
 from topokit.errors import InputError
@@ -38,20 +40,25 @@ def goal_of(target: Target, genus: int | Sequence[int] | None, components: int |
         cavities: of the solid; its surface has components + cavities components.
 
     Raises:
-        InputError: if both or neither of target and genus are given, or no solid has these numbers.
+        InputError: if both or neither of target and genus are given, they are not numbers, or no solid has these.
     """
     if (target is None) == (genus is None):
         raise InputError(f"give either target or genus: got target={target!r} and genus={genus!r}.")
-    wanted = genus if target is None else target
+    name, wanted = ("genus", genus) if target is None else ("target", target)
+    numbers = wanted if isinstance(wanted, Sequence) else (wanted,)
+    if not numbers or not all(isinstance(number, Real) and math.isfinite(number) for number in numbers):
+        raise InputError(f"{name} must be a finite number, or a list of one for each component, not {wanted!r}.")
     if isinstance(wanted, Sequence):
         if cavities:
-            raise InputError(f"one {'genus' if target is None else 'target'} per component goes with cavities=0.")
+            raise InputError(f"one {name} per component goes with cavities=0.")
         parts = tuple(_betti(1, 0, _euler(number, target is None, 1, 0)) for number in wanted)
         betti = (len(parts), sum(part[1] for part in parts), 0)
         return Goal(2.0 * (betti[0] - betti[1]), betti, parts)
     if components is None:
         if genus is not None:
             raise InputError("genus needs components: without them it does not say what χ is.")
+        if cavities:
+            raise InputError("cavities need components: χ alone does not tell them from components.")
         return Goal(float(wanted))  # type: ignore[arg-type]
     euler = _euler(wanted, target is None, components, cavities)  # type: ignore[arg-type]
     return Goal(euler, _betti(components, cavities, euler))
@@ -62,8 +69,9 @@ def _euler(number: float, is_genus: bool, components: int, cavities: int) -> flo
 
 
 def _betti(components: int, cavities: int, euler: float) -> Betti:
+    counted = isinstance(components, Integral) and isinstance(cavities, Integral)
     tunnels = components + cavities - euler / 2
-    if components < 1 or cavities < 0 or tunnels < 0 or tunnels != int(tunnels):
+    if not counted or components < 1 or cavities < 0 or tunnels < 0 or tunnels != int(tunnels):
         raise InputError(
             f"no closed surface of a solid with components={components} and cavities={cavities} has χ = {euler:g}: "
             "χ = 2 (components + cavities − genus). Change components, or pass components=None to ask for χ alone."

@@ -16,8 +16,9 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from topokit.core.field import Field
+from topokit.core.grid_euler import at_least_single
 from topokit.core.homotopy import deform
-from topokit.core.nearest_solid import Betti, Change, Values, nearest_solid
+from topokit.core.nearest_solid import Betti, Change, Values, cost, nearest_solid
 from topokit.core.simple_points import Bools, PaddedSolid, is_simple
 
 _CHEAPER = 0.5  # share of the known solid's cost below which another one is taken instead
@@ -59,7 +60,8 @@ class Guard:
             margin: by which the field has to be on the right side.
         """
         movable = np.isfinite(field)
-        field = np.where(movable, field, np.where(field > 0, 1.0, -1.0))
+        largest = np.abs(field[movable]).max(initial=0.0) or 1.0
+        field = np.where(movable, field, np.where(field > 0, largest, -largest))
         self._follow(field)
         if self.solid is None:
             return None
@@ -78,7 +80,7 @@ class Guard:
         if not is_due or (self.solid is not None and np.array_equal(self.solid, present)):
             return
         found = nearest_solid(field, self.betti, self.change)
-        if found is not None and (self.solid is None or _cost(field, found) < _CHEAPER * _cost(field, self.solid)):
+        if found is not None and (self.solid is None or cost(field, found) < _CHEAPER * cost(field, self.solid)):
             self.solid = found
 
 
@@ -87,11 +89,13 @@ def hinge(field: Field, decisive: Decisive, margin: float) -> Tensor:
 
     Differentiable in the field's values at these voxels.
     """
-    values = field.values_at(decisive.voxels)
-    values = values if values.dtype.itemsize >= 4 else values.float()
+    if len(decisive.voxels) == 0:
+        return nothing(field)
+    values = at_least_single(field.values_at(decisive.voxels))
     short = torch.relu(1 - decisive.sides.to(values) * values / margin)
-    return smooth_l1_loss(short, torch.zeros_like(short), reduction="sum") / max(len(short), 1)
+    return smooth_l1_loss(short, torch.zeros_like(short), reduction="mean")
 
 
-def _cost(field: Values, solid: Bools) -> float:
-    return float(np.square(field[solid != (field > 0)]).sum())
+def nothing(field: Field) -> Tensor:
+    """0 with a graph to the field, so that a loss which has nothing to say can still be called backward on."""
+    return at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64)))[:0].sum()

@@ -49,6 +49,7 @@ class TopologyMonitor:
         patience: counts in succession that must meet the goal.
         level: of a plain field.
         connectivity: 6 or 26, of a plain field.
+        resolution: grid points along a side, at most, for the winding field of samples.
 
     Attributes:
         history: one `TopologyRecord` per count.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from torch import Tensor
 
+from topokit.core.field import median_step_at_crossings
 from topokit.errors import InputError
 from topokit.losses.source import FieldSource
 from topokit.shape import Shape
@@ -21,7 +23,7 @@ class TauSchedule:
         n_steps: of the training.
 
     Raises:
-        InputError: unless 0 < finest <= coarsest and there are steps.
+        InputError: unless 0 < finest <= coarsest < ∞ and there are steps.
 
     Example:
         >>> schedule = TauSchedule(0.2, 0.05, 100)
@@ -34,9 +36,9 @@ class TauSchedule:
     n_steps: int
 
     def __post_init__(self) -> None:
-        if not 0 < self.finest <= self.coarsest or self.n_steps < 1:
+        if not 0 < self.finest <= self.coarsest < math.inf or self.n_steps < 1:
             raise InputError(
-                f"a schedule needs 0 < finest <= coarsest and n_steps >= 1, got finest={self.finest:g}, "
+                f"a schedule needs 0 < finest <= coarsest < ∞ and n_steps >= 1, got finest={self.finest:g}, "
                 f"coarsest={self.coarsest:g} and n_steps={self.n_steps}."
             )
 
@@ -55,8 +57,8 @@ class TauSchedule:
         fields = FieldSource(level, 6, 64)(source)
         if len(fields) != 1:
             raise InputError(f"a schedule is that of one field; got a batch of {len(fields)}.")
-        finest = 0.5 * fields[0].typical_change()
         values = fields[0].detached()
+        finest = 0.5 * median_step_at_crossings(values)
         return cls(max(finest, float(values[values.isfinite()].abs().median())), finest, n_steps)
 
     def __call__(self, step: int) -> float:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 from topokit.core.field import Field, GridField
+from topokit.core.grid_euler import at_least_single
 from topokit.core.splines import Grid, make_grid
 from topokit.core.winding import winding_field
 from topokit.errors import InputError
 from topokit.shape import Shape
 
+_COARSEST = 16  # grid points along a side, below which there is no room for a solid and its margins
 _MARGIN_CELLS = 4  # samples may come this near to the border of the grid before a new one is laid
 
 
@@ -18,7 +22,21 @@ class FieldSource:
     """Fields of what a loss is given, one per batch item; a grid laid around samples stays while they fit."""
 
     def __init__(self, level: float, connectivity: int, resolution: int) -> None:
-        """Args: level and connectivity of plain fields; resolution: most grid points along a side around samples."""
+        """
+        Args:
+            level: of plain fields.
+            connectivity: of plain fields.
+            resolution: grid points along a side around samples, at most.
+
+        Raises:
+            InputError: if one of them makes no sense.
+        """
+        if connectivity not in (6, 26):
+            raise InputError(f"connectivity must be 6 or 26, not {connectivity!r}.")
+        if not math.isfinite(level):
+            raise InputError(f"level must be a finite number, not {level}.")
+        if resolution < _COARSEST:
+            raise InputError(f"resolution must be at least {_COARSEST} grid points, not {resolution}.")
         self.level = level
         self.connectivity = connectivity
         self.resolution = resolution
@@ -61,14 +79,14 @@ def plain_field(field: Tensor) -> Tensor:
     """The field itself, in single precision if it came in half.
 
     Raises:
-        InputError: if it is not a floating-point tensor (..., X, Y, Z).
+        InputError: if it is not a floating-point tensor (..., X, Y, Z), or has no elements.
     """
-    if not field.is_floating_point() or field.ndim < 3:
+    if not field.is_floating_point() or field.ndim < 3 or field.numel() == 0:
         raise InputError(
             f"the loss got a tensor of shape {tuple(field.shape)} and type {field.dtype}; expected a floating-point "
-            "field (..., X, Y, Z), positive inside."
+            "field (..., X, Y, Z), positive inside and not empty."
         )
-    return field if field.dtype.itemsize >= 4 else field.float()
+    return at_least_single(field)
 
 
 def _is_around(grid: Grid, points: Tensor) -> bool:

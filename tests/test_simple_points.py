@@ -101,7 +101,10 @@ def test_neighbourhoods_at_the_border_see_background_outside(shape):
     at = padded.indices(np.ones(shape, dtype=bool))
     cubes = np.lib.stride_tricks.sliding_window_view(np.pad(solid, 1), (3, 3, 3)).reshape(-1, 3, 3, 3)
     assert (padded.codes(at) == codes_of(cubes)).all()
-    assert (padded.on_surface(at) == [(cube != cube[MIDDLE])[FACES].any() for cube in cubes]).all()
+    for through_faces, near in ((True, FACES), (False, CORNERS)):
+        on_surface = padded.on_surface(at, through_faces)
+        assert (on_surface == [(cube != cube[MIDDLE])[near].any() for cube in cubes]).all()
+        assert on_surface[is_simple(padded.codes(at), None if through_faces else 26)].all()
     assert (padded.solid() == solid).all()
     values = np.arange(solid.size, dtype=float).reshape(shape)
     assert (padded.values(values, at) == values.ravel()).all()

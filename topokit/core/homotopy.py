@@ -38,7 +38,7 @@ def deform(solid: Bools, towards: Bools, connectivity: int | None = None) -> Boo
     parity = padded.parity(waiting)
     while True:
         changed = np.zeros(len(waiting), dtype=bool)
-        on_surface = padded.on_surface(waiting)
+        on_surface = padded.on_surface(waiting, through_faces=connectivity is None)
         for mutually_distant in range(8):
             at = np.flatnonzero(on_surface & (parity == mutually_distant))
             at = at[is_simple(padded.codes(waiting[at]), connectivity)]

@@ -74,10 +74,14 @@ class PaddedSolid:
         x, y, z = np.unravel_index(at, self._shape)
         return 4 * (x & 1) + 2 * (y & 1) + (z & 1)
 
-    def on_surface(self, at: Indices) -> Bools:
-        """Whether one of the six neighbours is of the other kind: a simple voxel's always is."""
-        faces = self._around[_STEPS == 1]
-        return (self.inside[at[:, None] + faces] != self.inside[at][:, None]).any(1)
+    def on_surface(self, at: Indices, through_faces: bool) -> Bools:
+        """Whether a neighbour is of the other kind.
+
+        A simple voxel always has such a neighbour: one across a face if it is simple in both connectivities, else one
+        of the 26.
+        """
+        around = self._around[_STEPS == 1] if through_faces else self._around
+        return (self.inside[at[:, None] + around] != self.inside[at][:, None]).any(1)
 
     def codes(self, at: Indices) -> Codes:
         """The neighbourhoods of flat indices (N,), as integers of 27 bits."""

@@ -1,0 +1,174 @@
+"""The nearest solid of a wanted topology: six kinds of change, noise, ties, and what is out of reach."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from analytic_fields import ball, block, grid, meshed_topology, rod, torus, union, without
+from scipy.ndimage import gaussian_filter
+
+from topokit.core.grid_components import betti_numbers
+from topokit.core.nearest_solid import cost, nearest_solid
+
+P = grid(28)
+TORUS = torus(P, 0.5, 0.25)
+DUMBBELL = union(ball(P, 0.32, (-0.5, 0, 0)), ball(P, 0.32, (0.5, 0, 0)), rod(P, 0.12, 0.5, axis=0))
+DISC = without(rod(P, 0.7, 0.3), ball(P, 0.6, (0, 0, 0.75)), ball(P, 0.6, (0, 0, -0.75)))
+TWO_BALLS = union(ball(P, 0.33, (-0.42, 0, 0)), ball(P, 0.35, (0.42, 0, 0)))
+SHELL = without(ball(P, 0.7), ball(P, 0.25, (0.1, 0, 0.1)))
+WITH_FLOATER = union(ball(P, 0.5, (-0.2, 0, 0)), ball(P, 0.14, (0.65, 0.3, 0.3)))
+
+CHANGES = {  # field, wanted Betti numbers, how
+    "close": (TORUS, (1, 0, 0), "add"),
+    "drill": (DISC, (1, 1, 0), "remove"),
+    "join": (TWO_BALLS, (1, 0, 0), "add"),
+    "join parts of a rod": (without(rod(P, 0.25, 0.8), block(P, (1, 1, 0.1))), (1, 0, 0), "add"),
+    "split": (DUMBBELL, (2, 0, 0), "remove"),
+    "remove": (WITH_FLOATER, (1, 0, 0), "remove"),
+    "remove beside a torus": (union(torus(P, 0.4, 0.2), ball(P, 0.15, (0.75, 0.7, 0.6))), (1, 1, 0), "remove"),
+    "fill": (SHELL, (1, 0, 0), "add"),
+    "fill a torus": (without(torus(P, 0.5, 0.3), ball(P, 0.14, (0.5, 0, 0))), (1, 1, 0), "add"),
+}
+
+
+def found(
+    field: torch.Tensor | np.ndarray, betti: tuple[int, int, int], smooth: bool = True, **options: object
+) -> np.ndarray:
+    """The nearest solid, its numbers checked in both connectivities and, where its surface is smooth, by marching cubes.
+
+    Where voxels meet through an edge alone marching cubes decides face by face, and agrees with neither connectivity.
+    """
+    field = np.asarray(field)
+    solid = nearest_solid(field, betti, **options)
+    assert solid is not None
+    assert solid.dtype == bool
+    for connectivity in (options["connectivity"],) if "connectivity" in options else (6, 26):
+        assert betti_numbers(solid, connectivity=connectivity).tolist() == list(betti)
+    if smooth:
+        components, tunnels, cavities = betti
+        surfaces = components + cavities
+        assert meshed_topology(np.where(solid, 1.0, -1.0)) == (surfaces, 2 * (surfaces - tunnels))
+    return solid
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_each_kind_of_change_is_found_and_is_small(name):
+    field, betti, change = CHANGES[name]
+    present = (field > 0).numpy()
+    solid = found(field, betti, change=change)
+    assert (solid > present).any() if change == "add" else (solid < present).any()
+    assert (solid >= present).all() if change == "add" else (solid <= present).all()
+    assert (solid != present).sum() <= 0.12 * present.sum()
+    assert cost(field.numpy(), found(field, betti)) <= cost(field.numpy(), solid)
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_each_kind_of_change_under_noise(name, generator):
+    field, betti, _ = CHANGES[name]
+    noise = torch.randn(field.shape, generator=generator, dtype=torch.float64)
+    noisy = field + 0.03 * noise
+    assert betti_numbers(noisy).tolist() != betti_numbers(field).tolist()
+    solid = found(noisy, betti, smooth=False)
+    assert (solid != (noisy > 0).numpy()).sum() < 0.25 * (field > 0).sum()
+
+
+def test_only_what_was_allowed_is_done():
+    """A torus becomes a ball by a membrane in its hole, or by a cut through its tube."""
+    present = (TORUS > 0).numpy()
+    added, removed = found(TORUS, (1, 0, 0), change="add"), found(TORUS + 0.01 * P[..., 0], (1, 0, 0), change="remove")
+    assert (added > present).any()
+    assert (added >= present).all()
+    assert (removed < present).any()
+    assert (removed <= (TORUS + 0.01 * P[..., 0] > 0).numpy()).all()
+
+
+@pytest.mark.parametrize("change", ["add", "remove"])
+def test_noise_may_be_mended_one_way_only(change, generator):
+    noisy = (ball(P, 0.6) + 0.1 * torch.randn(P.shape[:3], generator=generator, dtype=torch.float64)).numpy()
+    solid = found(noisy, (1, 0, 0), smooth=False, change=change)
+    assert (solid >= (noisy > 0)).all() if change == "add" else (solid <= (noisy > 0)).all()
+
+
+def test_a_change_of_the_wrong_direction_alone_is_not_found():
+    assert nearest_solid(TWO_BALLS.numpy(), (2, 0, 0), "add") is not None  # nothing to do
+    assert nearest_solid(WITH_FLOATER.numpy(), (2, 1, 0), "remove") is None
+    assert nearest_solid(ball(P, 0.5).numpy(), (2, 0, 0), "add") is None
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_one_connectivity_alone(connectivity, generator):
+    noise = torch.randn(20, 20, 20, generator=generator, dtype=torch.float64).numpy()
+    rough = gaussian_filter(noise, 1.0)
+    found(rough, (1, 0, 0), smooth=False, connectivity=connectivity)
+
+
+def test_what_is_right_stays_as_it_is(generator):
+    for field in (TORUS, SHELL, TWO_BALLS):
+        solid = found(field, tuple(betti_numbers(field).tolist()))
+        assert (solid == (field > 0).numpy()).all()
+
+
+def test_out_of_reach_is_none():
+    assert nearest_solid(ball(P, 0.6).numpy(), (1, 5, 0)) is None
+    assert nearest_solid(ball(P, 0.6).numpy(), (2, 0, 0)) is None
+    assert nearest_solid(np.full((6, 6, 6), -1.0), (2, 0, 0)) is None
+
+
+@pytest.mark.parametrize(
+    ("field", "betti"),
+    [
+        (union(torus(P, 0.45, 0.2, (-0.2, 0, 0)), ball(P, 0.12, (0.8, 0.7, 0.7))), (1, 0, 0)),  # close, and remove
+        (union(TORUS, ball(P, 0.13, (0.75, 0.75, 0.75)), ball(P, 0.2, (-0.75, -0.7, 0.7))), (1, 0, 0)),
+        (without(union(torus(P, 0.5, 0.3), ball(P, 0.1, (0, 0, 0.8))), ball(P, 0.14, (0.5, 0, 0))), (1, 1, 0)),  # and fill
+        (union(torus(P, 0.3, 0.12, (-0.48, 0, 0)), torus(P, 0.3, 0.12, (0.48, 0, 0))), (1, 0, 0)),  # join, close both
+    ],
+)
+def test_several_changes_at_once(field, betti):
+    solid = found(field, betti)
+    assert (solid != (field > 0).numpy()).sum() < 0.2 * (field > 0).sum()
+
+
+def test_stages_count_voxels_on_the_level_as_changed():
+    """Ties at the level: values that are exactly 0, background, wanted inside in one stage and kept in the next."""
+    field = union(torus(P, 0.45, 0.2, (-0.2, 0, 0)), ball(P, 0.12, (0.8, 0.7, 0.7))).numpy()
+    found(np.where(np.abs(field) < 0.1, 0.0, field), (1, 0, 0))
+    found(np.where((field < 0) & (field > -0.35), 0.0, field), (1, 0, 0))
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, -1e-310, 1e200, -1e200, 5.0])
+@pytest.mark.parametrize("shape", [(5, 6, 4), (1, 1, 1), (1, 5, 1)])
+def test_constant_fields_become_one_part(value, shape):
+    solid = found(np.full(shape, value), (1, 0, 0))
+    assert solid.sum() == (solid.size if value > 0 else 1)
+
+
+def test_binary_fields_have_no_levels_but_are_mended():
+    for field, betti, _ in CHANGES.values():
+        if betti == (1, 0, 0):
+            found(np.where(field > 0, 1.0, -1.0), betti)
+
+
+def test_fields_that_touch_the_border_and_anisotropic_grids():
+    slab = -np.abs(np.arange(17.0) - 8)[None, None, :] + 3.0 + np.zeros((5, 40, 1))
+    assert found(slab, (1, 0, 0)).all(axis=(0, 1)).sum() == 5
+    holed = slab.copy()
+    holed[1:4, 18:22] = -0.5
+    assert betti_numbers(holed).tolist() == [1, 1, 0]
+    assert (found(holed, (1, 0, 0), change="add") >= (holed > 0)).all()
+    found(np.random.default_rng(0).normal(size=(5, 40, 17)), (1, 0, 0), smooth=False)
+
+
+def test_scale_and_type_do_not_matter():
+    field = without(union(torus(P, 0.5, 0.3), ball(P, 0.1, (0, 0, 0.8))), ball(P, 0.14, (0.5, 0, 0))).numpy()
+    solid = found(field, (1, 1, 0))
+    for scale in (1e-30, 1e30):
+        assert (found(scale * field, (1, 1, 0)) == solid).all()
+    assert (found(field.astype(np.float32), (1, 1, 0)) != solid).sum() < 5
+    assert (found(field[::-1].copy(), (1, 1, 0)) != solid[::-1]).mean() < 0.01
+
+
+def test_cost_is_the_sum_of_squares_that_change_sign():
+    field = np.array([[[3.0, -2.0, 0.0, 1.0]]])
+    assert cost(field, np.array([[[True, True, False, False]]])) == 5.0
+    assert cost(1e300 * field, np.array([[[False] * 4]])) == np.inf

@@ -9,6 +9,7 @@ from analytic_fields import ball, block, grid, meshed_topology, rod, torus, unio
 from scipy.ndimage import gaussian_filter
 
 from topokit.core.grid_components import betti_numbers
+from topokit.core import nearest_solid as module
 from topokit.core.nearest_solid import cost, nearest_solid
 
 P = grid(28)
@@ -90,6 +91,23 @@ def test_noise_may_be_mended_one_way_only(change, generator):
     assert (solid >= (noisy > 0)).all() if change == "add" else (solid <= (noisy > 0)).all()
 
 
+def test_what_smoothing_wipes_out_is_kept_where_nothing_may_go():
+    speck, pinhole = TORUS.clone(), ball(P, 0.5).clone()
+    speck[3, 3, 3], pinhole[14, 14, 14] = 0.02, -0.02
+    assert (found(speck, (1, 0, 0), change="add") >= (speck > 0).numpy()).all()
+    assert (found(pinhole, (1, 0, 0), change="remove") <= (pinhole > 0).numpy()).all()
+
+
+def test_of_all_scales_the_cheapest_solid_is_taken(generator, monkeypatch):
+    noisy = (SHELL + 0.03 * torch.randn(SHELL.shape, generator=generator, dtype=torch.float64)).numpy()
+    chosen = cost(noisy, found(noisy, (1, 0, 0), smooth=False))
+    costs = []
+    for scale in (1.0, 2.0):
+        monkeypatch.setattr(module, "_SCALES", (scale,))
+        costs.append(cost(noisy, found(noisy, (1, 0, 0), smooth=False)))
+    assert chosen == min(costs) < 0.5 * max(costs)
+
+
 def test_a_change_of_the_wrong_direction_alone_is_not_found():
     assert nearest_solid(TWO_BALLS.numpy(), (2, 0, 0), "add") is not None  # nothing to do
     assert nearest_solid(WITH_FLOATER.numpy(), (2, 1, 0), "remove") is None
@@ -129,11 +147,13 @@ def test_several_changes_at_once(field, betti):
     assert (solid != (field > 0).numpy()).sum() < 0.2 * (field > 0).sum()
 
 
-def test_stages_count_voxels_on_the_level_as_changed():
-    """Ties at the level: values that are exactly 0, background, wanted inside in one stage and kept in the next."""
-    field = union(torus(P, 0.45, 0.2, (-0.2, 0, 0)), ball(P, 0.12, (0.8, 0.7, 0.7))).numpy()
-    found(np.where(np.abs(field) < 0.1, 0.0, field), (1, 0, 0))
-    found(np.where((field < 0) & (field > -0.35), 0.0, field), (1, 0, 0))
+def test_stages_join_two_links_close_one_and_remove_a_part(monkeypatch):
+    links = union(torus(P, 0.3, 0.12, (-0.48, 0, 0)), torus(P, 0.3, 0.12, (0.48, 0, 0)), ball(P, 0.15, (0, 0.75, 0.75)))
+    assert betti_numbers(links).tolist() == [3, 2, 0]
+    found(links, (1, 1, 0))
+    found(np.where((links > -0.04) & (links < 0), 0.0, links), (1, 1, 0))  # many voxels on the level itself
+    monkeypatch.setattr(module, "_STAGES", 1)
+    assert nearest_solid(links.numpy(), (1, 1, 0)) is None
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, -1e-310, 1e200, -1e200, 5.0])

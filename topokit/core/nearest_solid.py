@@ -60,8 +60,7 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
         if best is None or best.missing >= missing:
             return None
         solid, missing = best.solid, best.missing
-        least = np.finfo(field.dtype).tiny  # a voxel on the level itself has a side, too
-        field = np.where(solid == (field > 0), field, np.where(solid, np.maximum(-field, least), -field))
+        field = np.where(solid == (field > 0), field, -field)
     return solid if missing == 0 else None
 
 

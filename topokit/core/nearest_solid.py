@@ -100,7 +100,7 @@ def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
     level = np.sign(middle) * np.maximum(np.abs(middle) - half + np.minimum(half, _depth(field)), 0)
     allowed = half > 0
     if change != "any":
-        allowed &= level < 0 if change == "add" else level > 0
+        allowed &= level <= 0 if change == "add" else level >= 0
     off = np.abs(euler - (betti[0] - betti[1] + betti[2]))
     best = np.lexsort((np.abs(level), off, ~allowed))[:_LEVELS]
     return [float(level[k]) for k in best if allowed[k]]

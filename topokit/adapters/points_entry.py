@@ -20,6 +20,7 @@ class Points(Adapter):
     suffixes = (*TEXT, ".npy", ".npz", ".ply", ".pcd", ".las", ".laz")
     extra = "topokit[formats]"
     suffix_requires = ((".pcd", "pypcd4"), (".las", "laspy"), (".laz", "laspy"))
+    differentiable = True
     opener = "topokit.adapters.points:from_points"
 
     def can_open(self, source: Path) -> bool:

@@ -30,7 +30,7 @@ from topokit.testing import AdapterConformance, icosphere, sphere_samples, torus
 class TestMesh(AdapterConformance):
     adapter = Mesh
     euler = 0
-    options = {"n_samples": 2000}  # noqa: RUF012
+    options = {"n_samples": 2000}
 
     def example(self, folder: Path) -> Path:
         path = folder / "torus.off"
@@ -65,7 +65,7 @@ class TestPoints(AdapterConformance):
 class TestVoxels(AdapterConformance):
     adapter = Voxels
     euler = 2
-    options = {"n_samples": 1000}  # noqa: RUF012
+    options = {"n_samples": 1000}
 
     def example(self, folder: Path) -> Path:
         path = folder / "ball.npy"
@@ -78,7 +78,7 @@ class TestVoxels(AdapterConformance):
 class TestSdf(AdapterConformance):
     adapter = Sdf
     euler = 2
-    options = {"n_samples": 1000, "resolution": 128}  # noqa: RUF012
+    options = {"n_samples": 1000, "resolution": 128}
 
     def example(self, folder: Path) -> Path:
         class Ball(torch.nn.Module):
@@ -92,7 +92,7 @@ class TestSdf(AdapterConformance):
 
 class TestSplats(AdapterConformance):
     adapter = Splats
-    options = {"n_samples": 2000}  # noqa: RUF012
+    options = {"n_samples": 2000}
 
     def example(self, folder: Path) -> Path:
         write_ply(folder / "scene.ply", random_scene(300))

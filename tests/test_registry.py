@@ -391,6 +391,18 @@ def test_options_that_do_not_exist_are_named(blob: Path) -> None:
     assert registry.load_with(blob, {"n_samples": 9, "generator": None, "n_neighbors": 8}).n_neighbors == 8
 
 
+def test_openers_that_cannot_be_imported(plugin: Any, blob: Path) -> None:
+    tk.register_adapter("later", "nowhere_at_all:function", suffixes=(".blob",), description="", extra="later")
+    assert message(MissingDependencyError, blob) == (
+        "adapter 'later' could not be asked for its options without a package that is not there (No module named "
+        "'nowhere_at_all'): pip install \"later\"."
+    )
+    tk.register_adapter("later", "math:cube", suffixes=(".blob",), description="", overwrite=True)
+    assert message(AdapterError, blob) == (
+        "adapter 'later' could not be asked for its options (AttributeError: module 'math' has no attribute 'cube')."
+    )
+
+
 # the rule
 
 

@@ -10,7 +10,7 @@ from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topokit.adapters.base import Adapter, describe
+from topokit.adapters.base import Adapter
 from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDependencyError, TopokitError, summary
 
 if TYPE_CHECKING:
@@ -79,6 +79,16 @@ def as_adapter(found: object, name: str) -> Adapter:
     return adapter
 
 
+def option_names(adapter: Adapter) -> frozenset[str] | None:
+    """Options of an adapter; None if it takes any. Imports its opener.
+
+    Raises:
+        MissingDependencyError, AdapterError: if it cannot be imported.
+    """
+    with _calling(adapter, f"adapter {adapter.name!r} could not be asked for its options"):
+        return adapter.options()
+
+
 def opened(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shape:
     """The shape an adapter makes, checked.
 
@@ -86,31 +96,21 @@ def opened(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shape:
 
     Raises:
         TopokitError: the adapter's own; about samples with the file's name.
-        MissingDependencyError: if it lacks a package, as its `requires` say or as it finds out.
+        MissingDependencyError: if it lacks a package.
         AdapterError: if it raises anything else, or returns something else than a `Shape`.
     """
     from topokit.shape import UNNAMED, Shape
 
-    info = describe(adapter)
-    if not info.usable:
-        raise MissingDependencyError(f"adapter {adapter.name!r} is not usable yet: {info.install}")
     what = f"adapter {adapter.name!r} could not open {_named(source)}"
-    known = adapter.options()
+    known = option_names(adapter)
     taken = {k: v for k, v in options.items() if k != "n_neighbors" or known is None or k in known}
     try:
-        with foreign_code(what):
+        with _calling(adapter, what):
             shape = adapter.open(source, **taken)
     except InputError as error:
         if str(source) in str(error) or not isinstance(source, Path):
             raise
         raise InputError(f"{source} (adapter {adapter.name!r}): {error}") from error
-    except AdapterError as error:
-        if not isinstance(error.__cause__, ImportError):
-            raise
-        how = f'pip install "{adapter.extra}"' if adapter.extra else "install that package"
-        raise MissingDependencyError(
-            f"{what} without a package that is not there ({error.__cause__}): {how}."
-        ) from error
     if not isinstance(shape, Shape):
         raise AdapterError(f"{what}: it returned {_article(shape)}; a topokit.Shape was expected.")
     if shape.name == UNNAMED and isinstance(source, Path):
@@ -118,6 +118,21 @@ def opened(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shape:
     if "n_neighbors" in options:
         shape.n_neighbors = options["n_neighbors"]
     return shape
+
+
+@contextmanager
+def _calling(adapter: Adapter, what_failed: str) -> Iterator[None]:
+    """`foreign_code` of an adapter, where an import that fails is a package to be installed."""
+    try:
+        with foreign_code(what_failed):
+            yield
+    except AdapterError as error:
+        if not isinstance(error.__cause__, ImportError):
+            raise
+        how = f'pip install "{adapter.extra}"' if adapter.extra else "install that package"
+        raise MissingDependencyError(
+            f"{what_failed} without a package that is not there ({error.__cause__}): {how}."
+        ) from error.__cause__
 
 
 def _named(source: object) -> str:

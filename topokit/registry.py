@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
 
 from topokit.adapters.base import Adapter, AdapterAttributes, AdapterInfo, FunctionAdapter, describe
 from topokit.choice import choose
-from topokit.errors import AdapterError, InputError, TopokitError
+from topokit.errors import AdapterError, InputError, MissingDependencyError, TopokitError
 from topokit.files import existing_file
-from topokit.plugins import as_adapter, entry_points, imported, opened, warn_once
+from topokit.plugins import as_adapter, entry_points, imported, opened, option_names, warn_once
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -235,7 +235,7 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
     chosen = adapter_for(source, adapter)
-    known = chosen.options()
+    known = option_names(chosen)
     if known is not None and (wrong := sorted(set(options) - known - {"n_neighbors"})):
         raise InputError(
             f"adapter {chosen.name!r} has no option {', '.join(map(repr, wrong))}. "
@@ -247,7 +247,7 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
 def load_with(source: Any, offered: Mapping[str, Any]) -> Shape:
     """`load` with those of the options that the chosen adapter takes: a cloud is not sampled, so it takes no seed."""
     chosen = adapter_for(source)
-    known = chosen.options()
+    known = option_names(chosen)
     taken = {name: value for name, value in offered.items() if known is None or name in {*known, "n_neighbors"}}
     return opened(chosen, _as_path(source), taken)
 
@@ -255,7 +255,13 @@ def load_with(source: Any, offered: Mapping[str, Any]) -> Shape:
 def adapter_for(source: Any, name: str | None = None) -> Adapter:
     """The adapter that `load` opens a source with; arguments and errors are its."""
     source = _as_path(source)
-    return choose(_TABLE.all(), source) if name is None else _TABLE.get(name)
+    if name is None:
+        return choose(_TABLE.all(), source)
+    found = _TABLE.get(name)
+    info = describe(found)
+    if not info.usable:
+        raise MissingDependencyError(f"adapter {name!r} is not usable yet: {info.install}")
+    return found
 
 
 def _as_path(source: Any) -> Any:

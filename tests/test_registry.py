@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import warnings
@@ -18,7 +19,7 @@ from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDepe
 from topokit.testing import sphere_samples
 
 POINTS = sphere_samples(60).points
-BUILT_IN = ["mesh", "points", "voxels", "sdf", "occupancy", "splats"]
+BUILT_IN = list(registry._BUILT_IN)
 MODULE = """
 import topokit
 
@@ -180,6 +181,20 @@ def test_listing_imports_neither_torch_nor_numpy() -> None:
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == ""
+
+
+def test_importing_topokit_imports_no_plug_in(plugin: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for index in range(10):
+        plugin(f"blobs_{index}", MODULE.replace('"blobs"', f'"blobs{index}"'), name=f"blobs{index}")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
+    code = (
+        "import sys, topokit; topokit.load; print(any(name.startswith('blobs_') for name in sys.modules)); "
+        "print(len(topokit.list_adapters()), 'blobs_9' in sys.modules)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[0] == "False"
+    assert int(found.stdout.split()[1]) >= 10 + len(BUILT_IN)
+    assert found.stdout.split()[2] == "True"
 
 
 # clashes
@@ -456,8 +471,8 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        "Pass adapter='mesh' or 'points' or 'voxels' or 'sdf' or 'occupancy' or 'splats' or 'needy' if you know what "
-        "it is. docs/adapters.md tells how to write an adapter of your own."
+        f"Pass adapter={' or '.join(map(repr, [*BUILT_IN, 'needy']))} if you know what it is. docs/adapters.md tells how "
+        "to write an adapter of your own."
     )
 
 

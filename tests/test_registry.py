@@ -54,14 +54,14 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     monkeypatch.syspath_prepend(str(folder))
     written: list[str] = []
 
-    def write(module: str, code: str, name: str = "", distribution: str = "") -> None:
+    def write(module: str, code: str, name: str = "", distribution: str = "", target: str = "") -> None:
         (folder / f"{module}.py").write_text(code)
         written.append(module)
         if name:
             info = folder / f"{(distribution or module).replace('-', '_')}-1.0.dist-info"
             info.mkdir()
             (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution or module}\nVersion: 1.0\n")
-            (info / "entry_points.txt").write_text(f"[topokit.adapters]\n{name} = {module}:Blobs\n")
+            (info / "entry_points.txt").write_text(f"[topokit.adapters]\n{name} = {target or module + ':Blobs'}\n")
             monkeypatch.setattr(registry, "entry_points", plugins.entry_points)
 
     yield write
@@ -133,6 +133,12 @@ def test_a_class_may_be_decorated_and_an_entry_point_at_once(plugin: Any, blob: 
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert tk.load(blob).samples.n_points == 60
+
+
+def test_a_plug_in_may_register_more_than_its_entry_point(plugin: Any, blob: Path) -> None:
+    more = "\n@topokit.register_adapter\nclass More(Blobs):\n    name = 'more'\n    suffixes = ('.one.blob',)\n"
+    plugin("several", MODULE + more, name="blobs", target="several:Blobs [all]")
+    assert [row.name for row in tk.list_adapters()] == [*BUILT_IN, "blobs", "more"]
 
 
 def test_decorators_for_functions_and_classes(blob: Path) -> None:
@@ -279,6 +285,15 @@ def test_a_broken_plug_in_is_one_warning_and_the_others_work(plugin: Any, blob: 
     row = next(row for row in tk.list_adapters() if row.name == "blobs")
     assert (row.usable, row.problem) == (False, problem)
     assert message(AdapterError, blob, adapter="blobs") == f"adapter 'blobs' (broken:Blobs) is broken: {problem}"
+
+
+def test_an_entry_point_that_names_nothing(plugin: Any, blob: Path) -> None:
+    plugin("nameless", MODULE, name="blobs", target="nameless")
+    problem = "nameless could not be imported (AttributeError: module 'nameless' has no attribute '')."
+    assert tk.list_adapters()[-1].problem == problem
+    plugin("wordy", MODULE, name="words", target="no such: reference!")
+    registry._TABLE._knows_plugins = False
+    assert str(tk.list_adapters()[-1].problem).startswith("no such: reference! could not be imported (")
 
 
 def test_wrong_registrations_are_refused_at_once() -> None:
@@ -471,8 +486,8 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        f"Pass adapter={' or '.join(map(repr, [*BUILT_IN, 'needy']))} if you know what it is. docs/adapters.md tells how "
-        "to write an adapter of your own."
+        f"Pass adapter={' or '.join(map(repr, [*BUILT_IN, 'needy']))} if you know what it is. docs/adapters.md tells "
+        "how to write an adapter of your own."
     )
 
 

@@ -48,7 +48,7 @@ def entry_points() -> Iterator[tuple[str, str, str]]:
     from importlib import metadata
 
     found = metadata.entry_points(group=GROUP)
-    rows = {(point.name, f"{point.module}:{point.attr}", point.dist.name if point.dist else "?") for point in found}
+    rows = {(one.name, one.value.partition("[")[0].strip(), str(one.dist.name) if one.dist else "?") for one in found}
     yield from sorted(rows)
 
 

@@ -98,7 +98,10 @@ class AdapterTable:
 
     def _all_entries(self) -> dict[str, _Entry]:
         self._find_plugins()
-        return {name: self._resolved(name) for name in tuple(self._entries)}
+        while waiting := [name for name, one in self._entries.items() if one.adapter is None and one.problem is None]:
+            for name in waiting:  # importing one may register others
+                self._resolved(name)
+        return self._entries
 
     def _find_plugins(self) -> None:
         if self._knows_plugins:

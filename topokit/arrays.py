@@ -31,9 +31,8 @@ def as_tensor(values: object, name: str, expected: str) -> Tensor:
     Raises:
         InputError: if these are no real numbers, or DLPack and NumPy both refuse.
     """
-    if isinstance(values, Tensor):
-        return values
-    tensor = _by_dlpack(values, name, expected) if _offers_dlpack(values) else _by_numpy(values, name, expected)
+    shared = _shared(values, name)
+    tensor = _by_numpy(values, name, expected) if shared is None else shared
     if tensor.is_complex():
         raise InputError(f"{name} must hold real numbers, got {tensor.dtype}; expected shape {expected}.")
     return tensor
@@ -54,23 +53,23 @@ def as_floating(values: object, name: str, expected: str) -> Tensor:
     Raises:
         InputError: see `as_tensor`.
     """
-    tensor = as_tensor(values, name, expected)
-    if not isinstance(values, Tensor) and not (_offers_dlpack(values) and tensor.is_floating_point()):
-        return tensor.to(torch.float64, copy=True)
-    return tensor.float() if tensor.dtype in (torch.float16, torch.bfloat16) else tensor
+    shared = _shared(values, name)
+    if shared is None or not (isinstance(values, Tensor) or shared.is_floating_point()):
+        return as_tensor(values, name, expected).to(torch.float64, copy=True)
+    return shared.float() if shared.dtype in (torch.float16, torch.bfloat16) else shared
 
 
-def _offers_dlpack(values: object) -> bool:
-    """NumPy's own arrays offer it too, but not where they are read-only or not in native byte order."""
-    return hasattr(values, "__dlpack__") and not isinstance(values, np.ndarray)
-
-
-def _by_dlpack(values: Any, name: str, expected: str) -> Tensor:
+def _shared(values: Any, name: str) -> Tensor | None:
+    """The tensor itself, or one that DLPack makes of the same memory; None where NumPy is to be asked."""
+    if isinstance(values, Tensor):
+        return values
+    if not hasattr(values, "__dlpack__") or isinstance(values, np.ndarray):
+        return None
     try:
         return from_dlpack(values if hasattr(values, "__dlpack_device__") else values.__dlpack__())
     except (AttributeError, BufferError, RuntimeError, TypeError, ValueError) as error:
         if hasattr(values, "__array__"):
-            return _by_numpy(values, name, expected)
+            return None
         raise InputError(
             f"{name}: {type(values).__name__} could not be handed over by DLPack ({error}); convert it to a tensor "
             "or a NumPy array first."
@@ -80,8 +79,10 @@ def _by_dlpack(values: Any, name: str, expected: str) -> Tensor:
 def _by_numpy(values: object, name: str, expected: str) -> Tensor:
     try:
         array = np.asarray(values)
-        if array.dtype.kind not in "biufc" or array.dtype == np.longdouble:
-            array = array.astype(np.float64)  # torch knows no objects, strings or long doubles
+        if array.dtype.kind not in "biufcO":
+            raise TypeError(f"they are {array.dtype}")
+        if array.dtype.kind == "O" or array.dtype == np.longdouble:
+            array = array.astype(np.float64)
         array = array.astype(array.dtype.newbyteorder("="), copy=False)
         if any(stride < 0 for stride in array.strides):
             array = array.copy()

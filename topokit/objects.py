@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 
 def points_of(source: Any) -> tuple[Any, Any | None] | None:
     """Positions and normals of an object that holds points.
 
     Args:
         source: a point cloud of open3d (either API) or trimesh; a mesh of either, for its vertices alone; or a
-            `trimesh.Scene` of one of these, which is flattened with its transformations.
+            `trimesh.Scene` of these, all put together with their transformations.
 
     Returns:
         Positions (N, 3) and normals (N, 3) or None, as arrays of whatever kind the object has; None for other objects.
     """
-    source = source.to_geometry() if _is_scene(source) else source
+    if _is_scene(source):
+        parts = [part.vertices for part in source.dump()]
+        return (np.concatenate(parts), None) if parts else None
     attributes: Any
     for attributes in (getattr(source, "point", None), getattr(source, "vertex", None)):  # open3d's tensor API
         if _has(attributes, "positions"):
@@ -48,7 +52,7 @@ def triangles_of(source: Any) -> tuple[Any, Any] | None:
 
 
 def _is_scene(source: object) -> bool:
-    return hasattr(source, "to_geometry") and hasattr(source, "to_mesh")
+    return hasattr(source, "dump") and hasattr(source, "to_mesh")
 
 
 def _has(attributes: Any, name: str) -> bool:

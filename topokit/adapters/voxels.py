@@ -143,7 +143,7 @@ def _tensor(volume: object) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
     if values.ndim != 3 or values.numel() == 0:
         raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(values.shape)}.")
-    if values.is_complex() or values.dtype == torch.uint64:
+    if values.dtype == torch.uint64:
         raise InputError(f"the volume is {values.dtype}, which cannot be ordered: convert it to int64 or float64.")
     if values.dtype in (torch.uint16, torch.uint32):
         return values.to(torch.int32 if values.dtype == torch.uint16 else torch.int64)

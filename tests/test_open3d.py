@@ -1,4 +1,4 @@
-"""open3d in and out, against the real one: the shapes that arrays make, colours, attributes, and what may be missing."""
+"""open3d in and out, against the real one: the same shapes as by arrays, colours, attributes, and what is missing."""
 
 from __future__ import annotations
 

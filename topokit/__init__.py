@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from topokit.adapters.base import Adapter
     from topokit.adapters.implicit import from_occupancy, from_sdf
     from topokit.adapters.mesh import from_mesh
     from topokit.adapters.points import from_points
@@ -15,13 +16,14 @@ if TYPE_CHECKING:
     from topokit.core.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
-    from topokit.registry import load
+    from topokit.registry import list_adapters, load, register_adapter
     from topokit.report import Evidence, TopologyReport
     from topokit.shape import Shape
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "Adapter": "topokit.adapters.base",
     "Curvature": "topokit.core.curvature",
     "Evidence": "topokit.report",
     "GaussianSplats": "topokit.adapters.splats.gaussians",
@@ -35,10 +37,13 @@ _HOME = {
     "from_sdf": "topokit.adapters.implicit",
     "from_splats": "topokit.adapters.splats.adapter",
     "from_voxels": "topokit.adapters.voxels",
+    "list_adapters": "topokit.registry",
     "load": "topokit.registry",
+    "register_adapter": "topokit.registry",
 }
 
 __all__ = [
+    "Adapter",
     "Curvature",
     "Evidence",
     "GaussianSplats",
@@ -52,7 +57,9 @@ __all__ = [
     "from_sdf",
     "from_splats",
     "from_voxels",
+    "list_adapters",
     "load",
+    "register_adapter",
 ]
 
 

@@ -124,10 +124,10 @@ def demo() -> None:
 def _open(path: Path, n_neighbors: int, n_samples: int, seed: int) -> Shape:
     import torch
 
-    from topokit.registry import load
+    from topokit.registry import load_with
 
     generator = torch.Generator().manual_seed(seed)
-    return load(path, n_neighbors=n_neighbors, n_samples=n_samples, generator=generator)
+    return load_with(path, {"n_neighbors": n_neighbors, "n_samples": n_samples, "generator": generator})
 
 
 def _print_each(files: list[Path], answer: Callable[[Path], str]) -> None:

@@ -25,6 +25,7 @@ _BUILT_IN = {
     "sdf": "topokit.adapters.implicit_entry:Sdf",
     "occupancy": "topokit.adapters.implicit_entry:Occupancy",
     "splats": "topokit.adapters.splats.entry:Splats",
+    "open3d": "topokit.adapters.open3d_entry:Open3D",
 }
 
 

@@ -172,6 +172,13 @@ def test_trimesh_clouds_meshes_and_scenes() -> None:
     assert float(points[:, 0].max()) == pytest.approx(6, abs=0.1)
 
 
+def test_load_opens_the_objects_of_trimesh() -> None:
+    mesh = trimesh.Trimesh(*torus_mesh(), process=False)
+    for source in (mesh, trimesh.Scene([mesh])):
+        assert tk.load(source, n_samples=500).report().genus == 1
+    assert torch.equal(tk.load(trimesh.PointCloud(SPHERE.points.numpy())).samples.points, SPHERE.points)
+
+
 def test_normals_that_are_given_win_over_those_of_an_object() -> None:
     pytest.importorskip("open3d", reason="open3d is installed by make test")
     import open3d as o3d

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -21,6 +22,7 @@ from topokit.testing import icosphere, sphere_samples, torus_mesh, torus_samples
 
 o3d: Any = pytest.importorskip("open3d", reason="open3d is not installed; make test installs it")
 
+ROOT = Path(__file__).resolve().parents[1]
 TORUS = torus_samples(2000)
 
 
@@ -143,6 +145,28 @@ def test_a_voxelised_surface_is_a_shell() -> None:
     assert (report.euler, report.components, report.cavities) == (4, 2, 1)
 
 
+def test_the_list_names_it_and_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def row() -> Any:
+        return next(one for one in tk.list_adapters() if one.name == "open3d")
+
+    assert (row().usable, row().install, row().suffixes) == (True, None, ())
+    assert "open3d.t.geometry.TriangleMesh" in row().types
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    assert (row().usable, row().install) == (False, 'pip install "topokit[open3d]"')
+
+
+def test_open3d_waits_until_a_shape_is_handed_to_it() -> None:
+    script = (
+        "import sys, topokit as tk\n"
+        "from topokit.adapters.open3d import to_open3d\nfrom topokit.testing import icosphere\n"
+        "tk.list_adapters(); tk.from_mesh(icosphere(1)).report()\n"
+        "try:\n    tk.load(object())\nexcept tk.TopokitError:\n    pass\nprint('open3d' in sys.modules)\n"
+        "to_open3d(tk.from_mesh(icosphere(1)))\nprint('open3d' in sys.modules)"
+    )
+    found = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert found.stdout.split()[-2:] == ["False", "True"]
+
+
 # Out
 
 
@@ -224,6 +248,21 @@ def test_fields_and_voxels_come_out_as_their_samples() -> None:
     assert len(to_open3d(ball).points) == 1000
     ring = to_open3d(tk.load(ring_of_voxels(), n_samples=1000), tensor=True)
     assert ring.point["positions"].shape[0] == 1000
+
+
+def test_what_the_readme_shows_runs() -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {"tk": tk, "open3d_cloud": legacy_cloud(TORUS.points)}
+    exec(next(block for block in blocks if "to_open3d" in block), names)
+    assert len(names["geometry"].colors) == 2000
+
+
+def test_the_example_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    output = tmp_path / "cloud.ply"
+    monkeypatch.setattr(sys, "argv", ["open3d_roundtrip.py", str(output)])
+    runpy.run_path(str(ROOT / "examples" / "open3d_roundtrip.py"), run_name="__main__")
+    assert "genus 1" in capsys.readouterr().out
+    assert o3d.io.read_point_cloud(str(output)).has_colors()
 
 
 # Refusals
@@ -333,7 +372,7 @@ def test_all_libraries_that_are_missing_are_named_at_once(monkeypatch: pytest.Mo
 
 
 def test_the_libraries_are_those_that_make_test_installs() -> None:
-    script = (Path(__file__).resolve().parents[1] / ".ci" / "system-libraries").read_text()
+    script = (ROOT / ".ci" / "system-libraries").read_text()
     assert dict(re.findall(r"^has (\S+) \|\| packages=\"\$packages (\S+)\"", script, re.MULTILINE)) == (
         adapter._DEBIAN_PACKAGES
     )

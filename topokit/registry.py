@@ -223,8 +223,8 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
     Args:
         source: path of a file, or of a folder such as an unzipped .sog; or an object of one of the types that
             `list_adapters` names, such as a `trimesh.Trimesh`.
-        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", or that of a plug-in)
-            that settles the choice. How it is made otherwise is told in docs/adapters.md.
+        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that of a
+            plug-in) that settles the choice. How it is made otherwise is told in docs/adapters.md.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:

@@ -40,6 +40,16 @@ class ByDlpackAlone:
         return self.values.__dlpack__()
 
 
+class ByCapsule:
+    """What came before the protocol, and what open3d has before 0.20."""
+
+    def __init__(self, values: torch.Tensor) -> None:
+        self.values = values
+
+    def to_dlpack(self) -> object:
+        return self.values.__dlpack__()
+
+
 class ByArray:
     """An array of some other library that NumPy can read, in the old signature without dtype and copy."""
 
@@ -62,7 +72,7 @@ class Refusing:
         raise BufferError("the memory is of no kind that anybody knows")
 
 
-@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone])
+@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone, ByCapsule])
 def test_dlpack_shares_memory_and_keeps_the_type(library: type) -> None:
     for dtype in (torch.float32, torch.float64):
         points = SPHERE.points.to(dtype)
@@ -81,7 +91,7 @@ def test_what_numpy_reads_becomes_float64_and_is_copied(library: Any) -> None:
     assert torch.equal(taken, points.double())
 
 
-@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone, ByArray, ByEither, torch.Tensor.numpy])
+@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone, ByCapsule, ByArray, ByEither, torch.Tensor.numpy])
 @pytest.mark.parametrize("dtype", [torch.int16, torch.int64, torch.uint8])
 def test_integer_arrays_become_float64(library: Any, dtype: torch.dtype) -> None:
     points = (100 * SPHERE.points + 101).to(dtype)
@@ -120,7 +130,7 @@ def test_rows_that_are_not_finite_are_dropped_whatever_they_came_in() -> None:
         assert shape.notes == ("4 of 400 points are NaN or infinite and were dropped.",)
 
 
-@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone, ByArray, ByEither])
+@pytest.mark.parametrize("library", [ByDlpack, ByDlpackAlone, ByCapsule, ByArray, ByEither])
 def test_meshes_are_made_of_any_arrays(library: Any) -> None:
     vertices, faces = (torch.from_numpy(part) for part in torus_mesh())
     expected = tk.from_mesh((vertices, faces))
@@ -128,7 +138,7 @@ def test_meshes_are_made_of_any_arrays(library: Any) -> None:
     assert torch.equal(shape.samples.points, expected.samples.points)
     assert shape.report().genus == 1
     assert tk.from_mesh((library(vertices.float()), faces)).samples.points.dtype == (
-        torch.float32 if library in (ByDlpack, ByDlpackAlone) else torch.float64
+        torch.float32 if library in (ByDlpack, ByDlpackAlone, ByCapsule) else torch.float64
     )
 
 

@@ -202,7 +202,7 @@ def test_a_mesh_stays_a_mesh() -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_tensor_api_carries_the_numbers(dtype: torch.dtype, tmp_path: Path) -> None:
-    shape = tk.from_points(TORUS.points.to(dtype).requires_grad_(), TORUS.normals.to(dtype))
+    shape = tk.from_points(TORUS.points.to(dtype, copy=True).requires_grad_(), TORUS.normals.to(dtype))
     cloud = to_open3d(shape, "total", tensor=True)
     assert type(cloud) is o3d.t.geometry.PointCloud
     names = {"positions", "normals", "colors", "gaussian", "mean", "total", "k_min", "k_max", "area"}

@@ -12,10 +12,12 @@ from torch.utils.dlpack import from_dlpack
 
 from topokit.errors import InputError
 
+_DLPACK = ("__dlpack__", "to_dlpack")  # the protocol, and what tensors of open3d before 0.20 have
+
 
 def is_array(values: object) -> bool:
-    """Whether it is a tensor, or offers `__dlpack__` or `__array__`."""
-    return isinstance(values, Tensor) or hasattr(values, "__dlpack__") or hasattr(values, "__array__")
+    """Whether it is a tensor, or offers `__dlpack__` (or its forerunner `to_dlpack`) or `__array__`."""
+    return isinstance(values, Tensor) or any(hasattr(values, way) for way in (*_DLPACK, "__array__"))
 
 
 def as_tensor(values: object, name: str, expected: str) -> Tensor:
@@ -63,10 +65,11 @@ def _shared(values: Any, name: str) -> Tensor | None:
     """The tensor itself, or one that DLPack makes of the same memory; None where NumPy is to be asked."""
     if isinstance(values, Tensor):
         return values
-    if not hasattr(values, "__dlpack__") or isinstance(values, np.ndarray):
+    hand_over = next((getattr(values, way) for way in _DLPACK if hasattr(values, way)), None)
+    if hand_over is None or isinstance(values, np.ndarray):
         return None
     try:
-        return from_dlpack(values if hasattr(values, "__dlpack_device__") else values.__dlpack__())
+        return from_dlpack(values if hasattr(values, "__dlpack_device__") else hand_over())
     except (AttributeError, BufferError, RuntimeError, TypeError, ValueError) as error:
         if hasattr(values, "__array__"):
             return None

@@ -10,7 +10,7 @@ from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topokit.adapters.base import Adapter
+from topokit.adapters.base import Adapter, describe
 from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDependencyError, TopokitError, summary
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def entry_points() -> Iterator[tuple[str, str, str]]:
     from importlib import metadata
 
     found = metadata.entry_points(group=GROUP)
-    rows = {(point.name, point.value, point.dist.name if point.dist else "?") for point in found}
+    rows = {(point.name, f"{point.module}:{point.attr}", point.dist.name if point.dist else "?") for point in found}
     yield from sorted(rows)
 
 
@@ -86,11 +86,14 @@ def opened(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shape:
 
     Raises:
         TopokitError: the adapter's own; about samples with the file's name.
-        MissingDependencyError: if it lacks a package.
+        MissingDependencyError: if it lacks a package, as its `requires` say or as it finds out.
         AdapterError: if it raises anything else, or returns something else than a `Shape`.
     """
     from topokit.shape import UNNAMED, Shape
 
+    info = describe(adapter)
+    if not info.usable:
+        raise MissingDependencyError(f"adapter {adapter.name!r} is not usable yet: {info.install}")
     what = f"adapter {adapter.name!r} could not open {_named(source)}"
     known = adapter.options()
     taken = {k: v for k, v in options.items() if k != "n_neighbors" or known is None or k in known}
@@ -122,7 +125,7 @@ def _named(source: object) -> str:
 
 
 def _article(found: object) -> str:
-    return f"the class {found.__name__}" if isinstance(found, type) else f"of type {type(found).__name__}"
+    return f"the class {found.__name__}" if isinstance(found, type) else f"an object of type {type(found).__name__}"
 
 
 def _faults(adapter: Adapter, name: str) -> Iterator[str]:
@@ -137,6 +140,13 @@ def _faults(adapter: Adapter, name: str) -> Iterator[str]:
     for attribute in ("types", "requires"):
         if not _are_strings(getattr(adapter, attribute)):
             yield f"its {attribute} are {getattr(adapter, attribute)!r}; expected a tuple of strings."
+    if any("." in module for module in adapter.requires):
+        yield f"its requires are {adapter.requires!r}; expected top-level modules."
+    pairs = adapter.suffix_requires
+    if not isinstance(pairs, tuple) or not all(_are_strings(pair) and len(pair) == 2 for pair in pairs):
+        yield f"its suffix_requires are {pairs!r}; expected a tuple of pairs, as (('.3mf', 'lxml'),)."
+    if not isinstance(adapter.priority, int):
+        yield f"its priority is {adapter.priority!r}; expected an integer."
     if adapter.opener is None and type(adapter).open is Adapter.open:
         yield "it has neither a method open() nor an opener."
 

@@ -59,8 +59,8 @@ class AdapterTable:
         taken = self._entries.get(name)
         if taken is not None and taken.origin != entry.origin and not overwrite:
             raise InputError(
-                f"adapter {name!r} is registered already, by {taken.origin}: choose another name than "
-                f"{entry.origin} did, or pass overwrite=True to replace it."
+                f"adapter {name!r} is registered already, by {taken.origin}; {entry.origin} needs another name, or "
+                "overwrite=True to replace it."
             )
         self._entries[name] = entry
 

@@ -52,6 +52,13 @@ def test_fewer_samples_than_a_vertex_would_have_neighbours() -> None:
     assert all(np.isfinite(values).all() for values in drawing.fields.values())
 
 
+def test_vertices_of_no_face_may_be_anywhere() -> None:
+    vertices, faces = icosphere(2)
+    drawing = draw(tk.from_mesh((np.concatenate((vertices, [[np.nan] * 3, [9.0, 9, 9]])), faces), n_samples=500))
+    assert len(drawing.positions) == len(vertices) + 2
+    assert all(np.isfinite(values).all() for values in drawing.fields.values())
+
+
 def test_batches_are_refused() -> None:
     with pytest.raises(InputError) as caught:
         draw(tk.from_points(torch.stack([sphere_samples(100).points] * 2)))

@@ -64,7 +64,7 @@ def draw(shape: Shape, color_by: Quantity = "gaussian") -> Drawing:
     faces = None
     if shape.mesh is not None:
         vertices = shape.mesh[0].detach().cpu().double().numpy()
-        table = _interpolate(positions, table, vertices)
+        table = _interpolate(positions, table, np.nan_to_num(vertices))  # only vertices without faces may be NaN
         positions, faces = vertices, shape.mesh[1].cpu().numpy()
     fields = dict(zip(("gaussian", "mean", "total", "k_min", "k_max", "area"), table.T[3:], strict=True))
     lengths = np.linalg.norm(table[:, :3], axis=1, keepdims=True)

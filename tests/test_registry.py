@@ -159,6 +159,14 @@ def test_decorators_for_functions_and_classes(blob: Path) -> None:
     assert tk.load(blob.rename(blob.with_suffix(".blob2")), adapter="blobs").samples.n_points == 60
 
 
+def test_suffixes_that_need_more_are_listed_with_it() -> None:
+    make("one", suffixes=(".a", ".b"), suffix_requires=((".b", "nothing_b"), (".b", "sys"), (".a", "os")))
+    make("two", suffixes=(".c",), requires=("nothing_c", "nothing_d"))
+    one, two = tk.list_adapters()[-2:]
+    assert (one.usable, one.missing_suffixes, one.state) == (True, (".b",), "usable; for .b: pip install nothing_b")
+    assert (two.usable, two.missing_suffixes, two.state) == (False, (".c",), "pip install nothing_c nothing_d")
+
+
 def test_the_view_is_read_only(table: registry.AdapterTable) -> None:
     first = tk.list_adapters()[0]
     with pytest.raises(AttributeError):
@@ -199,8 +207,8 @@ def test_plug_ins_whose_names_clash_are_left_out(plugin: Any, blob: Path) -> Non
     with pytest.warns(AdapterWarning) as caught:
         assert tk.load(blob).samples.n_points == 60
     assert [str(one.message) for one in caught] == [
-        "A plug-in of blobs-b is left out: adapter 'blobs' is registered already, by blobs_a:Blobs; blobs_b:Blobs needs "
-        "another name, or overwrite=True to replace it."
+        "A plug-in of blobs-b is left out: adapter 'blobs' is registered already, by blobs_a:Blobs; blobs_b:Blobs "
+        "needs another name, or overwrite=True to replace it."
     ]
 
 
@@ -250,8 +258,8 @@ def test_a_broken_plug_in_is_one_warning_and_the_others_work(plugin: Any, blob: 
     plugin("broken", code, name="blobs")
     make("works", content=True)
     with pytest.warns(AdapterWarning) as caught:
-        for _ in range(3):
-            assert tk.load(blob).name == "works"
+        names = [tk.load(blob).name for _ in range(3)]
+    assert names == ["works"] * 3
     assert [str(one.message) for one in caught] == [f"adapter 'blobs' (broken:Blobs) is left out: {problem}"]
     row = next(row for row in tk.list_adapters() if row.name == "blobs")
     assert (row.usable, row.problem) == (False, problem)
@@ -273,8 +281,8 @@ def test_a_look_that_fails_is_one_warning(blob: Path) -> None:
     make("nervous", content=RuntimeError("no idea"), suffixes=(".other",))
     make("calm", content=True)
     with pytest.warns(AdapterWarning) as caught:
-        for _ in range(3):
-            assert tk.load(blob).name == "calm"
+        names = [tk.load(blob).name for _ in range(3)]
+    assert names == ["calm"] * 3
     assert [str(one.message) for one in caught] == [
         f"adapter 'nervous' could not look at {blob} (RuntimeError: no idea). It is asked about suffixes alone."
     ]
@@ -436,8 +444,8 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        "Pass adapter='mesh' or 'points' or 'voxels' or 'sdf' or 'occupancy' or 'splats' or 'needy' if you know what it "
-        "is. docs/adapters.md tells how to write an adapter of your own."
+        "Pass adapter='mesh' or 'points' or 'voxels' or 'sdf' or 'occupancy' or 'splats' or 'needy' if you know what "
+        "it is. docs/adapters.md tells how to write an adapter of your own."
     )
 
 

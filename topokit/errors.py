@@ -90,7 +90,7 @@ def reading(path: object, reader: str, *own_errors: type[Exception]) -> Iterator
         ) from error
 
 
-def summary(error: BaseException) -> str:
+def summary(error: BaseException | None) -> str:
     """An exception's class and what it says, in one short line."""
     said = " ".join(str(error).split())[:200] or "no message"
     return f"{type(error).__name__}: {said}"

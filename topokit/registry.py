@@ -235,28 +235,36 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
             this type are not opened.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
-    chosen, source = _chosen(source, adapter)
+    chosen = adapter_for(source, adapter)
     known = chosen.options()
     if known is not None and (wrong := sorted(set(options) - known - {"n_neighbors"})):
         raise InputError(
             f"adapter {chosen.name!r} has no option {', '.join(map(repr, wrong))}. "
             f"It has: {', '.join(sorted({*known, 'n_neighbors'}))}."
         )
-    return opened(chosen, source, options)
+    return opened(chosen, _as_path(source), options)
 
 
 def load_with(source: Any, offered: Mapping[str, Any]) -> Shape:
     """`load` with those of the options that the chosen adapter takes: a cloud is not sampled, so it takes no seed."""
-    chosen, source = _chosen(source, None)
+    chosen = adapter_for(source)
     known = chosen.options()
-    return opened(chosen, source, {k: v for k, v in offered.items() if known is None or k in {*known, "n_neighbors"}})
+    taken = {name: value for name, value in offered.items() if known is None or name in {*known, "n_neighbors"}}
+    return opened(chosen, _as_path(source), taken)
 
 
-def _chosen(source: Any, name: str | None) -> tuple[Adapter, Any]:
-    if isinstance(source, str | os.PathLike):
-        source = Path(source)
-        source = source if source.is_dir() else existing_file(source)
-    return (choose(_TABLE.all(), source) if name is None else _TABLE.get(name)), source
+def adapter_for(source: Any, name: str | None = None) -> Adapter:
+    """The adapter that `load` opens a source with; arguments and errors are its."""
+    source = _as_path(source)
+    return choose(_TABLE.all(), source) if name is None else _TABLE.get(name)
+
+
+def _as_path(source: Any) -> Any:
+    """Files as paths that exist, folders as paths, objects as they are."""
+    if not isinstance(source, str | os.PathLike):
+        return source
+    path = Path(source)
+    return path if path.is_dir() else existing_file(path)
 
 
 for _name, _target in _BUILT_IN.items():

@@ -34,7 +34,7 @@ class Adapter:
         suffix_requires: (suffix, module) pairs: what single suffixes need besides.
         priority: the higher goes first where content and suffix leave several adapters.
         opener: a function that opens, or its name as "package.module:function", imported when it is needed.
-        differentiable: whether the samples of an object carry a gradient to its tensors.
+        differentiable: whether samples carry a gradient to the tensors of an object given to `open`.
     """
 
     name: str
@@ -136,6 +136,15 @@ class AdapterInfo:
     missing_suffixes: tuple[str, ...] = ()
     install: str | None = None
     problem: str | None = None
+
+    @property
+    def state(self) -> str:
+        """ "usable", with what single suffixes need besides, or what is in the way."""
+        if self.problem is not None:
+            return f"broken: {self.problem}"
+        if self.usable and self.install:
+            return f"usable; for {' '.join(self.missing_suffixes)}: {self.install}"
+        return "usable" if self.usable else str(self.install)
 
 
 def describe(adapter: Adapter) -> AdapterInfo:

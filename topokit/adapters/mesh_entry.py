@@ -18,6 +18,7 @@ class Mesh(Adapter):
     types = ("trimesh.Trimesh", "trimesh.Scene")
     extra = "topokit[formats]"
     suffix_requires = ((".3mf", "lxml"), (".3mf", "networkx"))
+    differentiable = True
     opener = "topokit.adapters.mesh:from_mesh"
 
     def can_open(self, source: Path) -> bool:

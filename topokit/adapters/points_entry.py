@@ -21,6 +21,7 @@ class Points(Adapter):
     types = ("trimesh.PointCloud",)
     extra = "topokit[formats]"
     suffix_requires = ((".pcd", "pypcd4"), (".las", "laspy"), (".laz", "laspy"))
+    differentiable = True
     opener = "topokit.adapters.points:from_points"
 
     def can_open(self, source: Path) -> bool:

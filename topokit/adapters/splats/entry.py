@@ -17,6 +17,7 @@ class Splats(Adapter):
     types = ("topokit.adapters.splats.gaussians.GaussianSplats",)
     extra = "topokit[splats]"
     suffix_requires = ((".sog", "PIL"),)
+    differentiable = True
     opener = "topokit.adapters.splats.adapter:from_splats"
 
     def can_open(self, source: Path) -> bool:

@@ -18,7 +18,7 @@ from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDepe
 from topokit.testing import sphere_samples
 
 POINTS = sphere_samples(60).points
-BUILT_IN = ["mesh", "points", "voxels", "sdf", "occupancy", "splats"]
+BUILT_IN = ["mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d"]
 MODULE = """
 import topokit
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,11 +16,14 @@ ROOT = Path(topokit.__file__).parent
 LAYERS = [
     "errors",
     "files",
+    "objects",
+    "arrays",
     "core",
     "report",
     "witnesses",
     "diagnosis",
     "shape",
+    "drawing",
     "base",  # topokit.adapters.base: what an adapter is
     "plugins",
     "choice",
@@ -77,6 +81,13 @@ def test_no_adapter_imports_another() -> None:
         for module in imported(path):
             if layer(module) == "adapters":
                 assert family(module.split(".")[2]) == own, f"{path.name} imports {module}"
+
+
+def test_open3d_is_imported_in_one_file_only() -> None:
+    importing = [
+        path.name for path in MODULES if re.search(r"^\s*(import|from) open3d", path.read_text(), re.MULTILINE)
+    ]
+    assert importing == ["open3d.py"]
 
 
 def test_public_names_are_there_and_few() -> None:

@@ -128,7 +128,7 @@ def test_batches_have_euler_but_no_single_report() -> None:
         (torch.zeros(50, 3, dtype=torch.int32), "must be a floating-point tensor, got torch.int32: call .double"),
         (SPHERE.points[:20], "20 points, too few for 20 neighbours each: give at least 21"),
         ([["a", "b", "c"]], "could not be read as numbers"),
-        (None, r"points must have shape \(N, 3\)"),
+        (None, r"from_points got NoneType; expected a path, a tensor or array \(N, 3\), anything with __dlpack__"),
     ],
 )
 def test_bad_points_are_explained(points: object, message: str) -> None:

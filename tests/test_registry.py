@@ -486,7 +486,7 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        f"Pass adapter={' or '.join(map(repr, [*BUILT_IN, 'needy']))} if you know what it is. docs/adapters.md tells "
+        f"Pass adapter={' or '.join(repr(name) for name in [*BUILT_IN, 'needy'] if name != 'open3d')} if you know what it is. docs/adapters.md tells "
         "how to write an adapter of your own."
     )
 

@@ -104,7 +104,7 @@ def _unknown_file(adapters: Sequence[Adapter], path: Path) -> str:
         existing_file(path)  # says what to do with folders
     packed = next((hint for magic, hint in _PACKED.items() if head(path).startswith(magic)), "")
     known = sorted({suffix for adapter in adapters for suffix in adapter.suffixes})
-    by_name = " or ".join(repr(adapter.name) for adapter in adapters)
+    by_name = " or ".join(repr(one.name) for one in adapters if one.suffixes or not one.types)  # not objects alone
     return (
         f"{path}: {path.suffix.lower() or 'a file without suffix'!r} is not a known format and its content is not one "
         f"either. {packed}Known: {', '.join(known)}. {_not_installed(adapters)}"

@@ -25,6 +25,7 @@ _BUILT_IN = {
     "sdf": "topokit.adapters.implicit_entry:Sdf",
     "occupancy": "topokit.adapters.implicit_entry:Occupancy",
     "splats": "topokit.adapters.splats.entry:Splats",
+    "open3d": "topokit.adapters.open3d_entry:Open3D",
 }
 
 
@@ -225,8 +226,8 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
     Args:
         source: path of a file, or of a folder such as an unzipped .sog; or an object of one of the types that
             `list_adapters` names, such as a `trimesh.Trimesh`.
-        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", or that of a plug-in)
-            that settles the choice. How it is made otherwise is told in docs/adapters.md.
+        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that of a
+            plug-in) that settles the choice. How it is made otherwise is told in docs/adapters.md.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:

@@ -167,4 +167,6 @@ def describe(adapter: Adapter) -> AdapterInfo:
 
 def _is_there(module: str) -> bool:
     """Whether a module could be imported; it is not."""
-    return module in sys.modules or importlib.util.find_spec(module) is not None
+    if module in sys.modules:
+        return sys.modules[module] is not None
+    return importlib.util.find_spec(module) is not None

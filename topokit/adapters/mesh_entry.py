@@ -15,7 +15,7 @@ class Mesh(Adapter):
     name = "mesh"
     description = "triangle meshes"
     suffixes = (".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf")
-    types = ("trimesh.Trimesh",)
+    types = ("trimesh.Trimesh", "trimesh.Scene")
     extra = "topokit[formats]"
     suffix_requires = ((".3mf", "lxml"), (".3mf", "networkx"))
     differentiable = True

@@ -18,6 +18,7 @@ class Points(Adapter):
     name = "points"
     description = "point clouds, with or without normals"
     suffixes = (*TEXT, ".npy", ".npz", ".ply", ".pcd", ".las", ".laz")
+    types = ("trimesh.PointCloud",)
     extra = "topokit[formats]"
     suffix_requires = ((".pcd", "pypcd4"), (".las", "laspy"), (".laz", "laspy"))
     differentiable = True

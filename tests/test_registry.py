@@ -483,10 +483,11 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     path = tmp_path / "what.xyz2"
     path.write_bytes(b"1 2 3\n")
     known = sorted({suffix for row in tk.list_adapters() for suffix in row.suffixes})
+    of_files = [name for name in [*BUILT_IN, "needy"] if name != "open3d"]
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        f"Pass adapter={' or '.join(repr(name) for name in [*BUILT_IN, 'needy'] if name != 'open3d')} if you know what it is. docs/adapters.md tells "
+        f"Pass adapter={' or '.join(map(repr, of_files))} if you know what it is. docs/adapters.md tells "
         "how to write an adapter of your own."
     )
 

@@ -1,7 +1,7 @@
 """What a step of the topology loss costs, beside a max-pooling of the same grid and a persistence loss.
 
-    python -m pytest benchmarks/bench_loss.py -s
-    python -m benchmarks.bench_loss memory      peak memory of one step at 128³, in this process
+python -m pytest benchmarks/bench_loss.py -s
+python -m benchmarks.bench_loss memory      peak memory of one step at 128³, in this process
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@
 
 Every task starts from a field that was fitted to noisy observations of a shape: truncated signed distances (at 0.2, in
 a box of side 2) on all grid points, with noise of 0.02. The data term is the mean square of the difference to these
-observations. A task is reached when marching cubes of the result and V − E + F per piece find the wanted topology, and the data
-term is at most 1.1 times what it was at the start. All tasks share their settings; none was tuned for itself.
+observations. A task is reached when marching cubes of the result and V − E + F find the wanted pieces and χ, and the
+data term is at most 1.1 times what it was at the start. All tasks share their settings; none was tuned for itself.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import topokit as tk
 from topokit.losses import TauSchedule
 
 TRUNCATION, NOISE = 0.2, 0.02
-SHARED = {"grid": {"steps": 200, "rate": 2e-3, "weight": 1e-3}, "neural": {"steps": 400, "rate": 1e-3, "weight": 1e-4}}
+SHARED = {"grid": {"steps": 200, "rate": 2e-3, "weight": 1e-3}, "neural": {"steps": 400, "rate": 1e-3, "weight": 1e-5}}
 
 Solid = Callable[[Tensor], Tensor]  # (..., 3) to (...), about the signed distance, negative inside
 
@@ -200,10 +200,11 @@ MODELS: dict[str, type[Model]] = {"grid": GridModel, "neural": NeuralModel}
 
 
 class PersistenceLoss:
-    """Persistent homology of the cubical complex with torch gradients, as in Clough et al. (doi:10.1109/TPAMI.2020.3013679).
+    """Persistent homology of the cubical complex with torch gradients.
 
-    Of the probability sigmoid(F / scale), the wanted number of longest bars of each dimension is to have length one, all
-    others none.
+    Of the probability sigmoid(F / scale), the wanted number of longest bars of each dimension is to have length one,
+    all others none (J. Clough et al., "A topological loss function for deep-learning based image segmentation using
+    persistent homology", TPAMI 2020, doi:10.1109/TPAMI.2020.3013679).
     """
 
     def __init__(self, betti: tuple[int, int, int], scale: float) -> None:

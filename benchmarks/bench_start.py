@@ -1,14 +1,19 @@
-"""Start-up: `topokit --help` against a bare typer application, and the import of topokit against torch's.
+"""Start-up: `topokit --help` against a bare typer application, and what topokit adds to the import of torch.
 
     python benchmarks/bench_start.py
 
-Asked for: help at most 1.5 × a bare typer app's.
+Asked for: help at most 1.5 × a bare typer app's; `import topokit` at most 20 ms more than `import torch` alone, with
+ten plug-ins installed too. Two imports of torch differ by more than that, so topokit's share is measured within one
+process.
 """
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
 from statistics import median
 from time import perf_counter
 
@@ -21,6 +26,16 @@ def one(name: str) -> None: "One."
 def two(name: str) -> None: "Two."
 app()
 """
+SHARE = """
+from time import perf_counter
+a = perf_counter(); import torch
+b = perf_counter(); import topokit
+c = perf_counter(); topokit.list_adapters()
+print(b - a, c - b, perf_counter() - c, len(topokit.list_adapters()))
+"""
+PLUGIN = Path(__file__).parents[1] / "examples" / "custom_adapter" / "topokit_metaballs.py"
+N_PLUGINS = 10
+RUNS = 9
 
 
 def seconds(*command: str) -> float:
@@ -35,6 +50,38 @@ def compare(name: str, ours: tuple[str, ...], theirs: tuple[str, ...], runs: int
     print(f"{name}: {median(a for a, _ in pairs):.3f} s, {median(b for _, b in pairs):.3f} s, ratio {ratio:.2f}")
 
 
+def install_copies(folder: Path) -> None:
+    """Ten copies of the example plug-in as pip leaves them: a module and a dist-info folder each."""
+    code = PLUGIN.read_text(encoding="utf-8")
+    for index in range(N_PLUGINS):
+        name = f"metaballs_{index}"
+        (folder / f"{name}.py").write_text(code.replace('"metaballs"', f'"{name}"'), encoding="utf-8")
+        info = folder / f"{name}-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n", encoding="utf-8")
+        (info / "entry_points.txt").write_text(f"[topokit.adapters]\n{name} = {name}:Metaballs\n", encoding="utf-8")
+
+
+def share(name: str, folder: str) -> None:
+    """Medians over processes: the import of torch, topokit's after it, and the first look at the adapters."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (folder, *sys.path)))}
+    rows = []
+    for _ in range(RUNS):
+        command = [sys.executable, "-c", SHARE]
+        found = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+        rows.append([float(word) for word in found.stdout.split()])
+    torch, topokit, listing, count = (median(column) for column in zip(*rows, strict=True))
+    most = max(row[1] for row in rows)
+    print(
+        f"{name}: import torch {1000 * torch:.0f} ms, import topokit after it {1000 * topokit:.1f} ms more (at most "
+        f"{1000 * most:.1f}), first look at {count:.0f} adapters {1000 * listing:.1f} ms"
+    )
+
+
 if __name__ == "__main__":
     compare("topokit --help, bare typer app", ("-m", "topokit", "--help"), ("-c", BARE, "--help"))
     compare("import topokit and torch, torch alone", ("-c", "import topokit, torch"), ("-c", "import torch"), 7)
+    share("no plug-in", "")
+    with tempfile.TemporaryDirectory() as folder:
+        install_copies(Path(folder))
+        share(f"{N_PLUGINS} plug-ins", folder)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -107,6 +108,32 @@ def test_seed_and_k_reach_the_core(files: Path) -> None:
     ]
     assert answers[0] == answers[1]
     assert len(set(answers)) == 4
+
+
+def test_adapters_lists_what_can_be_opened() -> None:
+    found = run("adapters")
+    assert found.returncode == 0
+    rows = [line.split("\t") for line in found.stdout.splitlines()]
+    assert [row[0] for row in rows[:2]] == ["mesh", "points"]
+    assert rows[0][1].split()[0] == ".obj"
+    assert all(len(row) == 3 for row in rows)
+    first = json.loads(run("adapters", "--json").stdout)[0]
+    assert (first["name"], first["usable"], first["problem"]) == ("mesh", True, None)
+
+
+def test_a_broken_plug_in_is_one_line_on_stderr(files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[topokit.adapters]\nbroken = nowhere_to_be_found:Broken\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), *filter(None, sys.path))))
+    found = run("euler", files / "double.obj", files / "double.obj")
+    assert found.stdout == f"-2\tcertain\t{files / 'double.obj'}\n" * 2
+    assert found.stderr.splitlines() == [
+        "topokit: adapter 'broken' (nowhere_to_be_found:Broken) is left out: nowhere_to_be_found:Broken could not be "
+        "imported (ModuleNotFoundError: No module named 'nowhere_to_be_found')."
+    ]
+    assert "broken\t-\tbroken: nowhere_to_be_found:Broken could not be" in run("adapters").stdout
 
 
 def test_demo_shows_a_mesh_and_a_cloud() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,11 +16,17 @@ ROOT = Path(topokit.__file__).parent
 LAYERS = [
     "errors",
     "files",
+    "objects",
+    "arrays",
     "core",
     "report",
     "witnesses",
     "diagnosis",
     "shape",
+    "drawing",
+    "base",  # topokit.adapters.base: what an adapter is
+    "plugins",
+    "choice",
     "registry",
     "adapters",
     "testing",
@@ -47,6 +54,8 @@ def imported(path: Path) -> set[str]:
 
 
 def layer(module: str) -> str:
+    if module == "topokit.adapters.base":
+        return "base"
     return module.split(".")[1] if "." in module else "cli"
 
 
@@ -55,7 +64,7 @@ MODULES = sorted(path for path in ROOT.rglob("*.py") if path.stem not in ("__ini
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_imports_point_one_way(path: Path) -> None:
-    own = path.relative_to(ROOT).parts[0].removesuffix(".py")
+    own = layer(".".join(("topokit", *path.relative_to(ROOT).with_suffix("").parts)))
     for module in imported(path):
         assert LAYERS.index(layer(module)) <= LAYERS.index(own), f"{path.name} imports {module}"
     if own == "core":
@@ -74,12 +83,19 @@ def test_no_adapter_imports_another() -> None:
                 assert family(module.split(".")[2]) == own, f"{path.name} imports {module}"
 
 
+def test_open3d_is_imported_in_one_file_only() -> None:
+    importing = [
+        path.name for path in MODULES if re.search(r"^\s*(import|from) open3d", path.read_text(), re.MULTILINE)
+    ]
+    assert importing == ["open3d.py"]
+
+
 def test_public_names_are_there_and_few() -> None:
     assert len(topokit.__all__) <= 20
     assert sorted(topokit.__all__) == topokit.__all__
     for name in topokit.__all__:
         assert getattr(topokit, name).__doc__, name
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'; it has Curvature"):
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'; it has Adapter"):
         _ = topokit.nothing
 
 
@@ -107,6 +123,7 @@ def test_modules_stay_short() -> None:
 def test_no_broad_excepts_and_no_cdist() -> None:
     for path in MODULES:
         text = path.read_text()
-        assert "except Exception" not in text, path
+        allowed = 1 if path.name == "plugins.py" else 0  # the boundary with code of others; argued there
+        assert text.count("except Exception") == allowed, path
         assert "except:" not in text, path
         assert "cdist(" not in text, path

@@ -152,7 +152,10 @@ def test_the_same_seed_gives_the_same_answer() -> None:
         (([[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]]), "1 faces use vertices that are NaN or infinite"),
         (([["a", 0, 0]], [[0, 0, 0]]), "vertices could not be read as numbers"),
         ((torch.zeros(3, 3, dtype=torch.int64), [[0, 1, 2]]), "vertices must be floating point, got torch.int64"),
-        (42, "from_mesh got int; expected a path, a trimesh.Trimesh or a pair"),
+        (
+            42,
+            r"from_mesh got int; expected a path, a pair \(vertices, faces\), a mesh of trimesh or open3d, or anything",
+        ),
     ],
 )
 def test_bad_input_is_explained(source: object, message: str) -> None:

@@ -128,7 +128,7 @@ def test_batches_have_euler_but_no_single_report() -> None:
         (torch.zeros(50, 3, dtype=torch.int32), "must be a floating-point tensor, got torch.int32: call .double"),
         (SPHERE.points[:20], "20 points, too few for 20 neighbours each: give at least 21"),
         ([["a", "b", "c"]], "could not be read as numbers"),
-        (None, r"points must have shape \(N, 3\)"),
+        (None, r"from_points got NoneType; expected a path, a tensor or array \(N, 3\), anything with __dlpack__"),
     ],
 )
 def test_bad_points_are_explained(points: object, message: str) -> None:
@@ -157,7 +157,7 @@ def test_normals_of_another_shape_are_explained() -> None:
         ("cut.pcd", b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\n", ReadError, "could not be read"),
         ("cut.las", b"LASF" + struct.pack("<I", 7), ReadError, "could not be read"),
         ("what.xyz2", b"1 2 3\n", UnknownFormatError, r"'.xyz2' is not a known format.*Known: .3mf, .asc"),
-        ("archive.zip", b"PK\x03\x04 something else", ReadError, "neither a 3MF model nor a NumPy archive"),
+        ("archive.zip", b"PK\x03\x04 something else", UnknownFormatError, "is a zip archive: unpack it first"),
     ],
 )
 def test_broken_files_are_explained(

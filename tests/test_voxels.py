@@ -53,6 +53,21 @@ def test_binary_volumes_of_any_type_need_no_level(volume):
     assert report.resolution is None
 
 
+def test_the_origin_moves_samples_boxes_and_the_field():
+    volume = torus_volume() > 0
+    spacing, origin = (0.5, 1.0, 2.0), (100.0, -3.0, 7.5)
+    here = tk.from_voxels(volume, spacing, n_samples=500)
+    there = tk.from_voxels(volume, spacing, origin=origin, n_samples=500)
+    shift = torch.tensor(origin, dtype=torch.float64)
+    torch.testing.assert_close(there.samples.points, here.samples.points + shift)
+    assert torch.equal(there.samples.normals, here.samples.normals)
+    for corner, moved in zip(
+        here.report().per_component[0].bounds, there.report().per_component[0].bounds, strict=True
+    ):
+        np.testing.assert_allclose(moved, np.add(corner, origin))
+    assert there.field.origin == origin
+
+
 def test_grey_and_labelled_volumes():
     grey = torus_volume()
     assert tk.from_voxels(grey, level=0.0).genus() == 1
@@ -166,6 +181,8 @@ def test_thin_solids_are_sampled_as_they_are():
         (np.ones((3, 3, 3)), {"connectivity": 18}, "6 or 26"),
         (np.ones((3, 3, 3)), {"spacing": (1, 0, 1)}, "positive"),
         (np.ones((3, 3, 3)), {"spacing": (1, 1)}, "one number or three"),
+        (np.ones((3, 3, 3)), {"origin": (1, 2)}, r"origin must be three numbers, got \(1, 2\)"),
+        (np.ones((3, 3, 3)), {"origin": (1, 2, np.inf)}, "origin must be finite"),
         (np.ones((3, 3, 3)), {"label": 1, "level": 0.5}, "both"),
         (np.full((3, 3, 3), np.nan), {}, "NaN"),
         (np.ones((0, 3, 3)), {}, "shape"),

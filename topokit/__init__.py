@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from topokit.adapters.base import Adapter
     from topokit.adapters.implicit import from_occupancy, from_sdf
     from topokit.adapters.mesh import from_mesh
     from topokit.adapters.points import from_points
@@ -17,13 +18,14 @@ if TYPE_CHECKING:
     from topokit.errors import TopokitError
     from topokit.losses.euler import EulerLoss, euler_loss
     from topokit.losses.monitor import TopologyMonitor
-    from topokit.registry import load
+    from topokit.registry import list_adapters, load, register_adapter
     from topokit.report import Evidence, TopologyReport
     from topokit.shape import Shape
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "Adapter": "topokit.adapters.base",
     "Curvature": "topokit.core.curvature",
     "EulerLoss": "topokit.losses.euler",
     "Evidence": "topokit.report",
@@ -40,10 +42,13 @@ _HOME = {
     "from_sdf": "topokit.adapters.implicit",
     "from_splats": "topokit.adapters.splats.adapter",
     "from_voxels": "topokit.adapters.voxels",
+    "list_adapters": "topokit.registry",
     "load": "topokit.registry",
+    "register_adapter": "topokit.registry",
 }
 
 __all__ = [
+    "Adapter",
     "Curvature",
     "EulerLoss",
     "Evidence",
@@ -60,7 +65,9 @@ __all__ = [
     "from_sdf",
     "from_splats",
     "from_voxels",
+    "list_adapters",
     "load",
+    "register_adapter",
 ]
 
 

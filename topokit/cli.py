@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import typer
 
-from topokit.errors import InputError, TopokitError
+from topokit.errors import AdapterWarning, InputError, TopokitError
 
 if TYPE_CHECKING:
     from topokit.report import TopologyReport
@@ -30,6 +31,19 @@ Samples = Annotated[int, typer.Option("--samples", min=4, help="Points sampled f
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sampling.")]
 Answer = TypeVar("Answer")
 Quantity = Literal["gaussian", "mean", "total"]
+
+
+@app.callback()
+def main() -> None:
+    """Warnings about plug-ins look like the other messages of this command."""
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+        if issubclass(category, AdapterWarning):
+            typer.echo(f"topokit: {message}", err=True)
+        else:
+            usual(message, category, *where, **more)
+
+    usual, warnings.showwarning = warnings.showwarning, show
 
 
 @app.command()
@@ -107,6 +121,22 @@ def curvature(
 
 
 @app.command()
+def adapters(
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON array, an object per adapter.")] = False,
+) -> None:
+    """What can be opened: one line per adapter with name, suffixes, and "usable" or what is missing (tabs between)."""
+    from dataclasses import asdict
+
+    from topokit.registry import list_adapters
+
+    if as_json:
+        typer.echo(json.dumps([asdict(info) for info in list_adapters()], indent=2, ensure_ascii=False))
+        return
+    for info in list_adapters():
+        typer.echo(f"{info.name}\t{' '.join(info.suffixes) or '-'}\t{info.state}")
+
+
+@app.command()
 def demo() -> None:
     """The report of shapes that topokit makes itself."""
     import topokit as tk
@@ -124,10 +154,10 @@ def demo() -> None:
 def _open(path: Path, n_neighbors: int, n_samples: int, seed: int) -> Shape:
     import torch
 
-    from topokit.registry import load
+    from topokit.registry import load_with
 
     generator = torch.Generator().manual_seed(seed)
-    return load(path, n_neighbors=n_neighbors, n_samples=n_samples, generator=generator)
+    return load_with(path, {"n_neighbors": n_neighbors, "n_samples": n_samples, "generator": generator})
 
 
 def _print_each(files: list[Path], answer: Callable[[Path], str]) -> None:

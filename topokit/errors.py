@@ -29,6 +29,14 @@ class MissingDependencyError(TopokitError, ImportError):
     """An optional package is needed; the message holds the line that installs it."""
 
 
+class AdapterError(TopokitError, RuntimeError):
+    """An adapter broke its promise: it could not be imported, failed while opening, or returned what is no `Shape`."""
+
+
+class AdapterWarning(UserWarning):
+    """A plug-in is broken; it is left out, and everything else works."""
+
+
 class GenusError(TopokitError, ValueError):
     """Genus has no meaning for this surface (open, non-manifold, not orientable) or is not known."""
 
@@ -76,8 +84,13 @@ def reading(path: object, reader: str, *own_errors: type[Exception]) -> Iterator
             'Install the readers: pip install "topokit[formats]".'
         ) from error
     except (*_READER_ERRORS, *own_errors) as error:
-        said = " ".join(str(error).split())[:200] or "no message"
         raise ReadError(
-            f"{path} could not be read by {reader} ({type(error).__name__}: {said}). "
+            f"{path} could not be read by {reader} ({summary(error)}). "
             "The file seems to be truncated or malformed; export it again or check it in another program."
         ) from error
+
+
+def summary(error: BaseException | None) -> str:
+    """An exception's class and what it says, in one short line."""
+    said = " ".join(str(error).split())[:200] or "no message"
+    return f"{type(error).__name__}: {said}"

@@ -1,146 +1,280 @@
-"""Which adapter opens what: by name, else by content, else by suffix."""
+"""The table of adapters: registering, listing, and opening a source with the one that is asked for or chosen."""
 
 from __future__ import annotations
 
-import importlib
 import os
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
 
-from topokit.errors import InputError, ReadError, UnknownFormatError
-from topokit.files import array_shapes, existing_file, file_of_folder, head, unpacked_head
+from topokit.adapters.base import Adapter, AdapterAttributes, AdapterInfo, FunctionAdapter, describe
+from topokit.choice import choose
+from topokit.errors import AdapterError, InputError, MissingDependencyError, TopokitError
+from topokit.files import existing_file
+from topokit.plugins import as_adapter, entry_points, imported, opened, option_names, warn_once
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
-_HEAD = 1 << 16
+Target = TypeVar("Target", bound=Callable[..., Any])
+_BUILT_IN = {
+    "mesh": "topokit.adapters.mesh_entry:Mesh",
+    "points": "topokit.adapters.points_entry:Points",
+    "voxels": "topokit.adapters.voxels_entry:Voxels",
+    "sdf": "topokit.adapters.implicit_entry:Sdf",
+    "occupancy": "topokit.adapters.implicit_entry:Occupancy",
+    "splats": "topokit.adapters.splats.entry:Splats",
+    "open3d": "topokit.adapters.open3d_entry:Open3D",
+}
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Entry:
-    """One adapter, by lazy name: nothing is imported before a file asks for it."""
+    """One row: where it comes from, and the adapter once somebody has asked for it, or what is wrong with it."""
 
-    name: str
-    opener: str
-    suffixes: tuple[str, ...]
-
-    def open(self, path: Path, options: dict[str, Any]) -> Shape:
-        module, _, function = self.opener.partition(":")
-        return getattr(importlib.import_module(module), function)(path, **options)
+    origin: str
+    target: object
+    adapter: Adapter | None = None
+    problem: str | None = None
 
 
-_MESH = _Entry("mesh", "topokit.adapters.mesh:from_mesh", (".obj", ".off", ".stl", ".glb", ".gltf", ".3mf", ".ply"))
-_POINTS = _Entry(
-    "points",
-    "topokit.adapters.points:from_points",
-    (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc", ".npy", ".npz", ".pcd", ".las", ".laz", ".ply"),
-)
-_SPLATS = _Entry("splats", "topokit.adapters.splats.adapter:from_splats", (".splat", ".spz", ".sog", ".ksplat", ".ply"))
-_SDF = _Entry("sdf", "topokit.adapters.implicit:from_sdf", (".pt", ".pth", ".pt2", ".ts"))
-_OCCUPANCY = _Entry("occupancy", "topokit.adapters.implicit:from_occupancy", ())
-_VOXELS = _Entry("voxels", "topokit.adapters.voxels:from_voxels", (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff"))
-_TABLE = {entry.name: entry for entry in (_MESH, _POINTS, _SPLATS, _SDF, _OCCUPANCY, _VOXELS)}
+class AdapterTable:
+    """Adapters by name. Those given as strings, and installed plug-ins, are imported on the first look-up."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, _Entry] = {}
+        self._knows_plugins = False
+
+    def add(self, name: str, target: object, overwrite: bool = False) -> None:
+        """Enter an adapter: a subclass of `Adapter`, an instance, or "package.module:Class".
+
+        Raises:
+            InputError: if the name is taken by something else and `overwrite` is False.
+            AdapterError: if it is no adapter; of a string this is found out on the first look-up.
+        """
+        entry = _Entry(_origin(target), target)
+        if not isinstance(target, str):
+            entry.adapter = as_adapter(target, name)
+        taken = self._entries.get(name)
+        if taken is not None and taken.origin != entry.origin and not overwrite:
+            raise InputError(
+                f"adapter {name!r} is registered already, by {taken.origin}; {entry.origin} needs another name, or "
+                "overwrite=True to replace it."
+            )
+        self._entries[name] = entry
+
+    def get(self, name: str) -> Adapter:
+        """The adapter of this name.
+
+        Raises:
+            InputError: if there is none.
+            AdapterError: if it is broken.
+        """
+        if name not in self._entries:
+            self._find_plugins()
+        if name not in self._entries:
+            raise InputError(f"adapter {name!r} is not known. Known: {', '.join(self._entries)}.")
+        entry = self._resolved(name)
+        if entry.adapter is None:
+            raise AdapterError(f"adapter {name!r} ({entry.origin}) is broken: {entry.problem}")
+        return entry.adapter
+
+    def all(self) -> list[Adapter]:
+        """Every adapter that works; a broken one is a warning."""
+        entries = self._all_entries()
+        for name, entry in entries.items():
+            if entry.problem is not None:
+                warn_once(name, f"adapter {name!r} ({entry.origin}) is left out: {entry.problem}")
+        return [entry.adapter for entry in entries.values() if entry.adapter is not None]
+
+    def rows(self) -> tuple[AdapterInfo, ...]:
+        """What `list_adapters` shows."""
+        return tuple(
+            AdapterInfo(name, entry.origin, (), (), usable=False, problem=entry.problem)
+            if entry.adapter is None
+            else describe(entry.adapter)
+            for name, entry in self._all_entries().items()
+        )
+
+    def _all_entries(self) -> dict[str, _Entry]:
+        self._find_plugins()
+        while waiting := [name for name, one in self._entries.items() if one.adapter is None and one.problem is None]:
+            for name in waiting:  # importing one may register others
+                self._resolved(name)
+        return self._entries
+
+    def _find_plugins(self) -> None:
+        if self._knows_plugins:
+            return
+        self._knows_plugins = True
+        for name, target, distribution in entry_points():
+            try:
+                self.add(name, target)
+            except InputError as error:
+                warn_once(f"{name} of {distribution}", f"A plug-in of {distribution} is left out: {error}")
+
+    def _resolved(self, name: str) -> _Entry:
+        entry = self._entries[name]
+        if entry.adapter is None and entry.problem is None:
+            try:
+                found = imported(entry.target) if isinstance(entry.target, str) else entry.target
+                entry.adapter = as_adapter(found, name)
+            except TopokitError as error:
+                entry.problem = str(error)
+            self._entries[name] = entry  # importing it may have registered it a second time
+        return entry
 
 
-def load(source: str | os.PathLike[str], *, adapter: str | None = None, **options: Any) -> Shape:
-    """Open a file with the adapter that its content, or failing that its suffix, asks for.
+def _origin(target: object) -> str:
+    """Where a target is written, as "package.module:name"."""
+    if isinstance(target, FunctionAdapter):
+        target = target.opener
+    if isinstance(target, str):
+        return target
+    named = target if hasattr(target, "__qualname__") else type(target)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
+_TABLE = AdapterTable()
+
+
+@overload
+def register_adapter(name: type[Adapter]) -> type[Adapter]: ...
+@overload
+def register_adapter(
+    name: str,
+    target: str | type[Adapter] | Callable[..., Shape],
+    *,
+    overwrite: bool = False,
+    **attributes: Unpack[AdapterAttributes],
+) -> None: ...
+@overload
+def register_adapter(
+    name: str | None = None, *, overwrite: bool = False, **attributes: Unpack[AdapterAttributes]
+) -> Callable[[Target], Target]: ...
+
+
+def register_adapter(
+    name: str | type[Adapter] | None = None,
+    target: str | Callable[..., Any] | None = None,
+    *,
+    overwrite: bool = False,
+    **attributes: Unpack[AdapterAttributes],
+) -> Any:
+    """Make an adapter known to `load`, to the command line and to `list_adapters`, in this process.
+
+    Installed packages rather declare theirs as an entry point of the group "topokit.adapters", and need no call.
+
+        @register_adapter                                                    # a subclass of Adapter
+        @register_adapter("blobs", suffixes=(".blob",), description="blobs")  # a function (path, **options) -> Shape
+        register_adapter("blobs", "package.module:Class")                    # imported on the first look-up
+        register_adapter("blobs", "package.module:function", suffixes=(".blob",), description="blobs")
 
     Args:
-        source: path of the file, or of the folder of an unzipped .sog.
-        adapter: name of an adapter ("mesh", "points", "splats", "sdf", "occupancy", "voxels") that settles the choice.
+        name: its name; left out for a class, which has one.
+        target: a class, a function, or where to find it, as "package.module:name"; left out in a decorator.
+        overwrite: whether to replace an adapter of the same name.
+        attributes: of a function, those of `Adapter` (`description`, `suffixes`, `types`, `extra`, `requires`,
+            `priority`, ...) and `can_open`, a function of the path. A class has its own.
+
+    Raises:
+        InputError: if the name is taken, or attributes are given beside a class.
+        AdapterError: if the target is no adapter.
+    """
+    if name is not None and not isinstance(name, str):
+        register_adapter(None, overwrite=overwrite)(name)
+        return name
+
+    def register(target: Target) -> Target:
+        _register(name, target, overwrite, attributes)
+        return target
+
+    return register if target is None else _register(name, target, overwrite, attributes)
+
+
+def _register(
+    name: str | None, target: str | Callable[..., Any], overwrite: bool, attributes: AdapterAttributes
+) -> None:
+    is_class = isinstance(target, type)
+    if is_class and attributes:
+        raise InputError(f"{_origin(target)} is a class: {', '.join(attributes)} must be attributes of it.")
+    called = name or getattr(target, "name", None)
+    if not isinstance(called, str):
+        raise InputError(f'{_origin(target)} needs a name: register_adapter("name", ...).')
+    is_function = not is_class and (bool(attributes) or not isinstance(target, str))
+    _TABLE.add(called, FunctionAdapter(called, target, attributes) if is_function else target, overwrite)
+
+
+def list_adapters() -> tuple[AdapterInfo, ...]:
+    """Every adapter there is: name, description, suffixes, types, whether it is usable, and what to install if not.
+
+    Built-in ones come first, then those registered in this process and those of installed plug-ins. A plug-in that
+    cannot be imported is listed with its problem. Neither torch nor any reader is imported for this.
+
+    Example:
+        >>> import topokit as tk
+        >>> [adapter.name for adapter in tk.list_adapters()][:2]
+        ['mesh', 'points']
+    """
+    return _TABLE.rows()
+
+
+def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
+    """Open a file, a folder or an object with the adapter that its content, or failing that its suffix, asks for.
+
+    Args:
+        source: path of a file, or of a folder such as an unzipped .sog; or an object of one of the types that
+            `list_adapters` names, such as a `trimesh.Trimesh`.
+        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that of a
+            plug-in) that settles the choice. How it is made otherwise is told in docs/adapters.md.
         options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
 
     Raises:
         ReadError: if the file is missing or malformed.
         UnknownFormatError: if neither content nor suffix is known.
-        InputError: if `adapter` is not known or an option does not exist for it.
+        MissingDependencyError: if it is known, but something must be installed first.
+        InputError: if `adapter` is not known, if several adapters match, if an option does not exist, or if objects of
+            this type are not opened.
+        AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
-    path = existing_file(file_of_folder(source))
-    if adapter is not None and adapter not in _TABLE:
-        raise InputError(f"adapter {adapter!r} is not known. Known: {', '.join(_TABLE)}.")
-    entry = _TABLE[adapter] if adapter is not None else _choose(path)
-    return entry.open(path, _accepted(entry, options))
+    chosen = adapter_for(source, adapter)
+    known = option_names(chosen)
+    if known is not None and (wrong := sorted(set(options) - known - {"n_neighbors"})):
+        raise InputError(
+            f"adapter {chosen.name!r} has no option {', '.join(map(repr, wrong))}. "
+            f"It has: {', '.join(sorted({*known, 'n_neighbors'}))}."
+        )
+    return opened(chosen, _as_path(source), options)
 
 
-def _choose(path: Path) -> _Entry:
-    beginning = head(path, _HEAD)
-    if _is_splats(path, beginning):
-        return _SPLATS
-    for looks_like, answer in _CONTENT:
-        if looks_like(beginning):
-            return answer(path, beginning)
-    suffix = path.suffix.lower()
-    for entry in _TABLE.values():
-        if suffix in entry.suffixes:
-            return entry
-    known = ", ".join(sorted({suffix for entry in _TABLE.values() for suffix in entry.suffixes}))
-    raise UnknownFormatError(
-        f"{path}: {suffix or 'a file without suffix'!r} is not a known format and its content is not one either. "
-        f"Known: {known}. Pass adapter={' or '.join(repr(name) for name in _TABLE)} if you know what it is."
-    )
+def load_with(source: Any, offered: Mapping[str, Any]) -> Shape:
+    """`load` with those of the options that the chosen adapter takes: a cloud is not sampled, so it takes no seed."""
+    chosen = adapter_for(source)
+    known = option_names(chosen)
+    taken = {name: value for name, value in offered.items() if known is None or name in {*known, "n_neighbors"}}
+    return opened(chosen, _as_path(source), taken)
 
 
-def _accepted(entry: _Entry, options: dict[str, Any]) -> dict[str, Any]:
-    """Samples are a matter of meshes; a cloud is what it is."""
-    if entry is _POINTS:
-        options = {key: value for key, value in options.items() if key not in ("n_samples", "generator")}
-    return options
+def adapter_for(source: Any, name: str | None = None) -> Adapter:
+    """The adapter that `load` opens a source with; arguments and errors are its."""
+    source = _as_path(source)
+    if name is None:
+        return choose(_TABLE.all(), source)
+    found = _TABLE.get(name)
+    info = describe(found)
+    if not info.usable:
+        raise MissingDependencyError(f"adapter {name!r} is not usable yet: {info.install}")
+    return found
 
 
-def _is_splats(path: Path, beginning: bytes) -> bool:
-    formats = importlib.import_module("topokit.adapters.splats.formats")
-    return formats.reader_by_content(path, beginning) is not None
+def _as_path(source: Any) -> Any:
+    """Files as paths that exist, folders as paths, objects as they are."""
+    if not isinstance(source, str | os.PathLike):
+        return source
+    path = Path(source)
+    return path if path.is_dir() else existing_file(path)
 
 
-def _ply(path: Path, beginning: bytes) -> _Entry:
-    header = beginning.partition(b"end_header")[0]
-    faces = re.search(rb"element\s+(?:face|tristrips)\s+(\d+)", header)
-    return _MESH if faces and int(faces.group(1)) > 0 else _POINTS
-
-
-def _zip(path: Path, beginning: bytes) -> _Entry:
-    if b"3D/" in beginning or b"[Content_Types].xml" in beginning:
-        return _MESH
-    if b".npy" in beginning:
-        return _numpy(path, beginning)
-    if b".pkl" in beginning or path.suffix.lower() in _SDF.suffixes:
-        return _SDF
-    raise ReadError(
-        f"{path} is a zip archive, but neither a 3MF model nor a NumPy archive, nor a .sog scene, nor a network; "
-        "unpack it first."
-    )
-
-
-def _numpy(path: Path, beginning: bytes) -> _Entry:
-    """A 3-D array is a volume, unless the archive names points."""
-    shapes = array_shapes(path)
-    is_volume = "points" not in shapes and any(len(shape) == 3 for shape in shapes.values())
-    return _VOXELS if is_volume else _POINTS
-
-
-def _gzip(path: Path, beginning: bytes) -> _Entry:
-    if _is_nifti(unpacked_head(path)):
-        return _VOXELS
-    raise ReadError(f"{path} is compressed with gzip and holds no NIfTI volume; unpack it first.")
-
-
-def _is_nifti(start: bytes) -> bool:
-    return start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2"
-
-
-_CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path, bytes], _Entry]], ...] = (
-    (lambda start: start.startswith(b"ply"), _ply),
-    (lambda start: start.startswith(b"PK\x03\x04"), _zip),
-    (lambda start: re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None, lambda *_: _MESH),
-    (lambda start: start.startswith(b"glTF"), lambda *_: _MESH),
-    (lambda start: start.startswith(b"solid") and b"facet" in start, lambda *_: _MESH),
-    (lambda start: start.startswith(b"\x93NUMPY"), _numpy),
-    (lambda start: start.startswith(b"\x1f\x8b"), _gzip),
-    (_is_nifti, lambda *_: _VOXELS),
-    (lambda start: start.startswith((b"NRRD0", b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), lambda *_: _VOXELS),
-    (lambda start: start.startswith((b"LASF", b"# .PCD")), lambda *_: _POINTS),
-    (lambda start: re.search(rb"^FIELDS .*\n(.*\n)*?DATA ", start, re.MULTILINE) is not None, lambda *_: _POINTS),
-)
+for _name, _target in _BUILT_IN.items():
+    register_adapter(_name, _target)

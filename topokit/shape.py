@@ -25,6 +25,7 @@ from topokit.report import Evidence, ExactAnswer, TopologyReport, known_genus
 from topokit.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
 
 EulerMethod = Literal["gauss-bonnet", "field"]
+UNNAMED = "shape"
 
 
 class Shape:
@@ -47,7 +48,7 @@ class Shape:
         *,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
-        name: str = "shape",
+        name: str = UNNAMED,
         notes: tuple[str, ...] = (),
         n_neighbors: int = DEFAULT_NEIGHBORS,
     ) -> None:

@@ -11,7 +11,6 @@ import torch
 from topokit.adapters.implicit_function import Function
 from topokit.errors import ReadError, reading
 
-SUFFIXES = (".pt", ".pth", ".pt2", ".ts")
 _HOW = (
     "Save the network as a program: torch.jit.save(torch.jit.trace(net, points), path) or "
     "torch.export.save(torch.export.export(net, (points,), dynamic_shapes=...), path)."

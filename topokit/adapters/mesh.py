@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,23 +14,22 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.adapters.mesh_files import read_mesh
+from topokit.arrays import as_floating, as_tensor
 from topokit.core.curvature import DEFAULT_NEIGHBORS
 from topokit.core.mesh_sampling import sample_triangles
 from topokit.core.mesh_topology import MeshTopology, connected_labels, mesh_topology
 from topokit.errors import InputError
 from topokit.files import existing_file
+from topokit.objects import triangles_of
 from topokit.report import Evidence, ExactAnswer, Verdict
 from topokit.shape import Shape
-
-if TYPE_CHECKING:
-    import trimesh
 
 Vertices = Tensor | ArrayLike
 _NEARLY_EQUAL = 1e-8  # share of the bounding box's diagonal within which vertices may be one rounded twice
 
 
 def from_mesh(
-    source: str | os.PathLike[str] | trimesh.Trimesh | tuple[Vertices, Vertices],
+    source: str | os.PathLike[str] | tuple[Vertices, Vertices] | Any,
     *,
     n_samples: int = 10_000,
     n_neighbors: int = DEFAULT_NEIGHBORS,
@@ -44,7 +43,10 @@ def from_mesh(
     closed parts outward, before normals are taken.
 
     Args:
-        source: a path (.obj .off .ply .stl .glb .gltf .3mf), a `trimesh.Trimesh`, or (vertices (V, 3), faces (F, 3)).
+        source: a path (.obj .off .ply .stl .glb .gltf .3mf); a `trimesh.Trimesh`, a `trimesh.Scene` (flattened with its
+            transformations), a mesh of open3d (either API) or anything else with `vertices` and `faces`; or a pair
+            (vertices (V, 3), faces (F, 3)) of tensors or arrays. Of these, tensors and whatever offers `__dlpack__`
+            keep device and floating type (half precision is widened to float32); other arrays become float64.
         n_samples: number of samples for the differentiable core.
         n_neighbors: k of the local half.
         generator: source of randomness (CPU); seed 0 if None.
@@ -88,28 +90,26 @@ def _open(source: object) -> tuple[str, Tensor, NDArray[np.int64]]:
         return path.name, torch.from_numpy(vertices), faces
     if isinstance(source, tuple | list) and len(source) == 2:
         return "mesh", _vertices(source[0]), _faces(source[1])
-    if hasattr(source, "vertices") and hasattr(source, "faces"):
-        return "mesh", _vertices(np.asarray(source.vertices)), _faces(np.asarray(source.faces))
-    raise InputError(
-        f"from_mesh got {type(source).__name__}; expected a path, a trimesh.Trimesh or a pair (vertices, faces)."
-    )
+    found = triangles_of(source)
+    if found is None:
+        raise InputError(
+            f"from_mesh got {type(source).__name__}; expected a path, a pair (vertices, faces), a mesh of trimesh or "
+            "open3d, or anything else with vertices and faces. For points use topokit.from_points."
+        )
+    return "mesh", _vertices(found[0]), _faces(found[1])
 
 
 def _vertices(values: object) -> Tensor:
-    if not isinstance(values, Tensor):
-        try:
-            values = torch.from_numpy(np.array(values, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"vertices could not be read as numbers ({error}); expected shape (V, 3).") from error
-    if values.ndim != 2 or values.shape[1] != 3:
-        raise InputError(f"vertices must have shape (V, 3), got {tuple(values.shape)}.")
-    if not values.is_floating_point():
-        raise InputError(f"vertices must be floating point, got {values.dtype}: call .double() or .float() on them.")
-    return values
+    vertices = as_floating(values, "vertices", "(V, 3)")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"vertices must have shape (V, 3), got {tuple(vertices.shape)}.")
+    if not vertices.is_floating_point():
+        raise InputError(f"vertices must be floating point, got {vertices.dtype}: call .double() or .float() on them.")
+    return vertices
 
 
 def _faces(values: object) -> NDArray[np.int64]:
-    array = values.detach().cpu().numpy() if isinstance(values, Tensor) else np.asarray(values)
+    array = as_tensor(values, "faces", "(F, 3)").detach().cpu().numpy()
     if array.ndim != 2 or array.shape[1] != 3:
         raise InputError(f"faces must have shape (F, 3), got {array.shape}: cut polygons into triangles first.")
     if not np.issubdtype(array.dtype, np.integer):

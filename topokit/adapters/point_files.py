@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.points_entry import LAS, TEXT, Points, is_pcd
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.files import head
+from topokit.files import NUMPY, ZIP, head
 
 Floats = NDArray[np.float64]
 Cloud = tuple[Floats, Floats | None]
@@ -22,7 +23,7 @@ _ARRAY_WIDTHS = "(N, 3) for points or (N, 6) for points and normals"
 
 
 def read_points(path: Path) -> Cloud:
-    """Points and normals of a file, by content where that is conclusive, else by suffix.
+    """Points and normals of a file, by content; what remains is text if its suffix says so.
 
     Raises:
         ReadError: if the file is malformed or holds no points.
@@ -41,13 +42,13 @@ def _reader(path: Path) -> Callable[[Path], Cloud]:
     for magic, reader in _BY_MAGIC.items():
         if beginning.startswith(magic):
             return reader
-    if re.search(rb"^VERSION .*\n\s*FIELDS ", beginning, re.MULTILINE):
+    if is_pcd(beginning):
         return _read_pcd
-    suffix = path.suffix.lower()
-    if suffix in _BY_SUFFIX:
-        return _BY_SUFFIX[suffix]
+    if path.suffix.lower() in TEXT:
+        return _read_text
     raise ReadError(
-        f"{path}: {suffix or 'a file without suffix'!r} is not a point format. Known: {', '.join(SUFFIXES)}."
+        f"{path} is not a point file: text needs one of the suffixes {', '.join(TEXT)}, and its content is that of "
+        f"none of the other formats. Known: {', '.join(Points.suffixes)}."
     )
 
 
@@ -141,20 +142,7 @@ def _from_fields(table: NDArray[np.void], normal_names: tuple[str, str, str], pa
 
 _BY_MAGIC: dict[bytes, Callable[[Path], Cloud]] = {
     b"ply": _read_ply,
-    b"LASF": _read_las,
-    b"\x93NUMPY": _read_npy,
-    b"PK\x03\x04": _read_npz,
-    b"# .PCD": _read_pcd,
+    LAS: _read_las,
+    NUMPY: _read_npy,
+    ZIP: _read_npz,
 }
-_BY_SUFFIX: dict[str, Callable[[Path], Cloud]] = {
-    **dict.fromkeys((".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc"), _read_text),
-    **{
-        ".npy": _read_npy,
-        ".npz": _read_npz,
-        ".ply": _read_ply,
-        ".pcd": _read_pcd,
-        ".las": _read_las,
-        ".laz": _read_las,
-    },
-}
-SUFFIXES = tuple(_BY_SUFFIX)

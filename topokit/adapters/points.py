@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
-import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.point_files import read_points
+from topokit.arrays import as_floating, is_array
 from topokit.core.curvature import DEFAULT_NEIGHBORS
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.files import existing_file
+from topokit.objects import points_of
 from topokit.shape import Shape
 
 _FEW = 0.01  # share of useless normals up to which their points are dropped rather than all normals
 
 
 def from_points(
-    points: str | os.PathLike[str] | Tensor | ArrayLike,
+    points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,
     *,
     n_neighbors: int = DEFAULT_NEIGHBORS,
@@ -28,8 +30,10 @@ def from_points(
     """A point cloud as a shape.
 
     Args:
-        points: (..., N, 3) tensor or array, or a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz), whose
-            normals are used if it has any. Tensors keep dtype, device and gradient; arrays become float64.
+        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz) or a point cloud
+            of open3d or trimesh, whose normals are used if it has any; or a mesh of these, for its vertices alone.
+            Tensors, and whatever offers `__dlpack__`, keep device, memory and floating type (half precision is widened
+            to float32), tensors their gradient, too; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows with a normal that is
             zero or not finite are dropped while they are at most 1 %; beyond that all normals are put aside. Either
             is said in the report.
@@ -55,6 +59,9 @@ def from_points(
         path = existing_file(points)
         name, (points, stored) = path.name, read_points(path)
         normals = stored if normals is None else normals
+    elif not is_array(points) and not isinstance(points, list | tuple):
+        points, stored = _of_object(points)
+        normals = stored if normals is None else normals
     positions = _tensor(points, "points")
     directions = None if normals is None else _tensor(normals, "normals").to(positions)
     if directions is not None and directions.shape != positions.shape:
@@ -67,14 +74,20 @@ def from_points(
 
 
 def _tensor(values: object, name: str) -> Tensor:
-    if not isinstance(values, Tensor):
-        try:
-            values = torch.from_numpy(np.array(values, dtype=np.float64))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{name} could not be read as numbers ({error}); expected shape (N, 3).") from error
-    if values.ndim < 2 or values.shape[-1] != 3:
-        raise InputError(f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(values.shape)}.")
-    return values
+    tensor = as_floating(values, name, "(N, 3)")
+    if tensor.ndim < 2 or tensor.shape[-1] != 3:
+        raise InputError(f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(tensor.shape)}.")
+    return tensor
+
+
+def _of_object(source: object) -> tuple[Any, Any | None]:
+    found = points_of(source)
+    if found is None:
+        raise InputError(
+            f"from_points got {type(source).__name__}; expected a path, a tensor or array (N, 3), anything with "
+            "__dlpack__ or __array__, or a point cloud of open3d or trimesh."
+        )
+    return found
 
 
 def _without_broken_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels_entry import NRRD, TIFF, Voxels, is_nifti
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.files import array_shapes, head, unpacked_head
+from topokit.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
 
 Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
-SUFFIXES = (".nii", ".nii.gz", ".nrrd", ".tif", ".tiff", ".npy", ".npz")
 _HOW = 'pip install "topokit[volumes]"'
 
 
@@ -39,7 +39,7 @@ def _reader(path: Path) -> Callable[[Path], Volume]:
     for looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
             return reader
-    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(SUFFIXES)}.")
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(Voxels.suffixes)}.")
 
 
 def _read_npy(path: Path) -> Volume:
@@ -79,8 +79,7 @@ def _read_nifti(path: Path) -> Volume:
 
 
 def _bytes(path: Path) -> bytes:
-    beginning = head(path, 2)
-    if beginning == b"\x1f\x8b":
+    if head(path).startswith(GZIP):
         with gzip.open(path) as file:
             return file.read()
     return path.read_bytes()
@@ -117,9 +116,9 @@ def _triple(values: Any) -> Spacing:
 
 
 _BY_CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path], Volume]], ...] = (
-    (lambda start: start.startswith(b"\x93NUMPY"), _read_npy),
-    (lambda start: start.startswith(b"PK\x03\x04"), _read_npz),
-    (lambda start: start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2", _read_nifti),
-    (lambda start: start.startswith(b"NRRD"), _read_nrrd),
-    (lambda start: start.startswith((b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")), _read_tiff),
+    (lambda start: start.startswith(NUMPY), _read_npy),
+    (lambda start: start.startswith(ZIP), _read_npz),
+    (is_nifti, _read_nifti),
+    (lambda start: start.startswith(NRRD), _read_nrrd),
+    (lambda start: start.startswith(TIFF), _read_tiff),
 )

@@ -18,7 +18,11 @@ _STEP = 1e-3  # voxels; for differences of the cubic spline
 
 
 def volume_samples(
-    values: Tensor, spacing: tuple[float, float, float], n_samples: int, generator: torch.Generator
+    values: Tensor,
+    spacing: tuple[float, float, float],
+    origin: tuple[float, float, float],
+    n_samples: int,
+    generator: torch.Generator,
 ) -> SurfaceSamples:
     """Area-weighted points with outward normals on the smoothed level set, at their places in the volume.
 
@@ -26,7 +30,8 @@ def volume_samples(
 
     Args:
         values: (X, Y, Z), positive inside, with at least one voxel inside.
-        spacing: size of a voxel along each axis; the first voxel's centre is the origin.
+        spacing: size of a voxel along each axis.
+        origin: position of the first voxel's centre.
         n_samples: number of samples.
         generator: source of randomness on the CPU.
     """
@@ -42,7 +47,7 @@ def volume_samples(
         slope = surface.value_and_gradient(points)[1]
         starts = torch.where(is_on[:, None], points, starts)
         normals = torch.where(is_on[:, None], normalize(-slope), normals)
-    corner = starts.new_tensor(first) * starts.new_tensor(spacing)
+    corner = starts.new_tensor(origin) + starts.new_tensor(first) * starts.new_tensor(spacing)
     return SurfaceSamples(starts + corner, normals)
 
 

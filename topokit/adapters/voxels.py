@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 
 import numpy as np
 import torch
@@ -13,6 +12,7 @@ from torch import Tensor
 
 from topokit.adapters.voxel_files import Spacing, read_volume
 from topokit.adapters.voxel_samples import volume_samples
+from topokit.arrays import as_tensor
 from topokit.core.curvature import DEFAULT_NEIGHBORS
 from topokit.core.field import Field
 from topokit.core.grid_euler import solid_euler
@@ -22,6 +22,7 @@ from topokit.files import existing_file
 from topokit.report import Evidence, ExactAnswer
 from topokit.shape import Shape
 
+Position = tuple[float, float, float]
 _SLAB = 16  # layers looked at together
 
 
@@ -32,6 +33,7 @@ def from_voxels(
     connectivity: int = 26,
     label: int | None = None,
     *,
+    origin: Position = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
@@ -51,6 +53,7 @@ def from_voxels(
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
             has the other one. On real volumes the two answers differ grossly.
         label: voxels equal to it are inside; then there is no level.
+        origin: position of the centre of the first voxel, in the units of the spacing.
         n_samples: number of samples.
         n_neighbors: k of the local half.
         generator: source of randomness (CPU); seed 0 if None.
@@ -58,7 +61,8 @@ def from_voxels(
     Raises:
         ReadError: if the file is missing or malformed.
         MissingDependencyError: if the file's reader is not installed.
-        InputError: on wrong shapes, types, spacing or connectivity, if a level is needed, or if no voxel is inside.
+        InputError: on wrong shapes, types, spacing, origin or connectivity, if a level is needed, or if no voxel is
+            inside.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -73,19 +77,20 @@ def from_voxels(
         name, (volume, stored) = path.name, read_volume(path)
     values = _tensor(volume)
     steps = _spacing(stored if spacing is None else spacing)
+    first = _position(origin)
     if connectivity not in (6, 26):
         raise InputError(f"connectivity must be 6 or 26, got {connectivity!r}.")
     if n_samples <= n_neighbors:
         raise InputError(f"n_samples is {n_samples}; it must be larger than n_neighbors, which is {n_neighbors}.")
     level, notes = _level(values, level, label)
-    field = VoxelField(values, level, label, steps, connectivity)
+    field = VoxelField(values, level, label, steps, connectivity, first)
     if not field.is_anything_inside():
         wanted = f"equals the label {label}" if label is not None else f"is above the level {level:g}"
         low, high = _range(values)
         raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
     generator = generator or torch.Generator().manual_seed(0)
     return Shape(
-        lambda: volume_samples(field.values().detach(), steps, n_samples, generator),
+        lambda: volume_samples(field.values().detach(), steps, first, n_samples, generator),
         lambda: _answer(field),
         field=field,
         name=name,
@@ -97,8 +102,16 @@ def from_voxels(
 class VoxelField(Field):
     """Grey values minus their level, or +½ and −½ where the volume is binary or a label is asked for."""
 
-    def __init__(self, volume: Tensor, level: float, label: int | None, spacing: Spacing, connectivity: int) -> None:
-        super().__init__((0.0, 0.0, 0.0), spacing, connectivity)
+    def __init__(
+        self,
+        volume: Tensor,
+        level: float,
+        label: int | None,
+        spacing: Spacing,
+        connectivity: int,
+        origin: Position = (0.0, 0.0, 0.0),
+    ) -> None:
+        super().__init__(origin, spacing, connectivity)
         self.volume, self.level, self.label = volume, level, label
         self.is_binary = label is not None or volume.dtype == torch.bool
 
@@ -127,23 +140,14 @@ class VoxelField(Field):
 
 
 def _tensor(volume: object) -> Tensor:
-    if not isinstance(volume, Tensor):
-        array = np.asarray(volume)
-        if array.dtype.kind not in "biuf":
-            raise InputError(f"the volume must hold real numbers, got {array.dtype}; expected shape (X, Y, Z).")
-        array = array.astype(array.dtype.newbyteorder("="), copy=False)
-        if any(stride < 0 for stride in array.strides):
-            array = array.copy()
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "The given NumPy array is not writable", UserWarning)
-            volume = torch.from_numpy(array)  # nobody writes to it here
-    if volume.ndim != 3 or volume.numel() == 0:
-        raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(volume.shape)}.")
-    if volume.is_complex() or volume.dtype == torch.uint64:
-        raise InputError(f"the volume is {volume.dtype}, which cannot be ordered: convert it to int64 or float64.")
-    if volume.dtype in (torch.uint16, torch.uint32):
-        return volume.to(torch.int32 if volume.dtype == torch.uint16 else torch.int64)
-    return volume
+    values = as_tensor(volume, "the volume", "(X, Y, Z)")
+    if values.ndim != 3 or values.numel() == 0:
+        raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(values.shape)}.")
+    if values.dtype == torch.uint64:
+        raise InputError(f"the volume is {values.dtype}, which cannot be ordered: convert it to int64 or float64.")
+    if values.dtype in (torch.uint16, torch.uint32):
+        return values.to(torch.int32 if values.dtype == torch.uint16 else torch.int64)
+    return values
 
 
 def _spacing(spacing: float | Spacing | None) -> Spacing:
@@ -154,6 +158,16 @@ def _spacing(spacing: float | Spacing | None) -> Spacing:
     if not (np.isfinite(steps).all() and (steps > 0).all()):
         raise InputError(f"spacing must be positive, got {spacing!r}.")
     return float(steps[0]), float(steps[1]), float(steps[2])
+
+
+def _position(origin: Position) -> Position:
+    try:
+        x, y, z = (float(value) for value in origin)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"origin must be three numbers, got {origin!r}.") from error
+    if not np.isfinite((x, y, z)).all():
+        raise InputError(f"origin must be finite, got {origin!r}.")
+    return x, y, z
 
 
 def _level(values: Tensor, level: float | None, label: int | None) -> tuple[float, tuple[str, ...]]:
@@ -204,7 +218,7 @@ def _answer(field: VoxelField) -> ExactAnswer:
     euler = int(field.exact_euler())
     seconds = time.perf_counter() - started
     inside = field.inside()
-    components = grid_surfaces(inside, field.connectivity, field.spacing)
+    components = grid_surfaces(inside, field.connectivity, field.spacing, field.origin)
     other = 32 - field.connectivity
     other_euler = int(field.exact_euler(other))
     solids = sum(1 for one in components if one.depth is not None and one.depth % 2 == 0)

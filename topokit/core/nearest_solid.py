@@ -108,8 +108,11 @@ def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
 
 def _depth(field: Values) -> float:
     """How far beyond a critical value a level is taken: a quarter of the field's typical change over a cell, if any."""
-    steps = [np.abs(np.diff(field, axis=axis)).mean() for axis in range(3) if field.shape[axis] > 1]
-    return 0.25 * float(np.mean(steps or 0.0)) or np.inf
+    changes = []
+    for axis in range(3):
+        change = np.diff(field, axis=axis)
+        changes.append(float(np.abs(change, out=change).mean()) if change.size else 0.0)
+    return 0.25 * max(changes) or np.inf
 
 
 def _missing(solid: Bools, betti: Betti, connectivity: int | None) -> int:

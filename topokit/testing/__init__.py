@@ -1,5 +1,6 @@
-"""Shapes with known curvature and topology, for tests, examples and whoever writes an adapter."""
+"""Shapes with known curvature and topology, and what adapters are tested by; for whoever writes one."""
 
+from topokit.testing.conformance import AdapterConformance
 from topokit.testing.meshes import genus_mesh, icosphere, torus_mesh
 from topokit.testing.surfaces import (
     AnalyticSamples,
@@ -9,6 +10,7 @@ from topokit.testing.surfaces import (
 )
 
 __all__ = [
+    "AdapterConformance",
     "AnalyticSamples",
     "ellipsoid_samples",
     "genus_mesh",

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from topokit.adapters.splats.compressed_ply import read_compressed_ply
+from topokit.adapters.splats.entry import Splats
 from topokit.adapters.splats.ksplat import read_ksplat, starts_ksplat
 from topokit.adapters.splats.ply import read_ply
 from topokit.adapters.splats.sog import read_sog
@@ -17,11 +18,9 @@ from topokit.adapters.splats.splat import read_splat
 from topokit.adapters.splats.spz import read_spz, starts_spz
 from topokit.adapters.splats.table import CONVERTER, SplatTable
 from topokit.errors import UnknownFormatError, reading
-from topokit.files import head
+from topokit.files import ZIP, head, ply_kind, ply_properties
 
 Reader = Callable[[Path], SplatTable]
-SUFFIXES = (".ply", ".splat", ".spz", ".sog", ".ksplat")
-HEAD = 1 << 16  # bytes that tell one format from another
 
 
 def read_splats(path: Path) -> SplatTable:
@@ -32,7 +31,7 @@ def read_splats(path: Path) -> SplatTable:
         ReadError: if the file is malformed.
         MissingDependencyError: if the format needs a package that is not installed.
     """
-    beginning = head(path, HEAD)
+    beginning = head(path)
     reader = reader_by_content(path, beginning) or _reader_by_suffix(path, beginning)
     kind = reader.__name__.removeprefix("read_").replace("_", " ")
     with reading(path, f"the .{kind} reader"), np.errstate(all="ignore"):  # what overflows is dropped and counted
@@ -44,24 +43,17 @@ def reader_by_content(path: Path, beginning: bytes) -> Reader | None:
 
     Args:
         path: the file.
-        beginning: its first `HEAD` bytes.
+        beginning: its first `topokit.files.HEAD` bytes.
     """
-    if beginning.startswith(b"ply"):
-        return _ply_reader(beginning.partition(b"end_header")[0])
-    if beginning.startswith(b"PK\x03\x04"):
+    if ply_kind(beginning) == "splats":
+        return read_compressed_ply if b"packed_position" in ply_properties(beginning) else read_ply
+    if beginning.startswith(ZIP):
         return read_sog if _is_sog_archive(path) else None
     if re.match(rb"\s*\{", beginning):
         return read_sog if b'"means"' in beginning and b'"quats"' in beginning else None
     if starts_spz(beginning):
         return read_spz
     return read_ksplat if starts_ksplat(beginning) else None
-
-
-def _ply_reader(header: bytes) -> Reader | None:
-    properties = set(re.findall(rb"^property\s+\w+\s+(\w+)\s*$", header, re.MULTILINE))
-    if b"packed_position" in properties:
-        return read_compressed_ply
-    return read_ply if {b"scale_0", b"scale_1", b"rot_3"} <= properties else None
 
 
 def _is_sog_archive(path: Path) -> bool:
@@ -84,8 +76,10 @@ def _reader_by_suffix(path: Path, beginning: bytes) -> Reader:
         return _BY_SUFFIX[suffix]
     raise UnknownFormatError(
         f"{path}: {suffix or 'a file without suffix'!r} is not a known splat format and its content is not one either. "
-        f"Known: {', '.join(SUFFIXES)}, or the folder of an unzipped .sog. {CONVERTER}"
+        f"Known: {', '.join(Splats.suffixes)}, or the folder of an unzipped .sog. {CONVERTER}"
     )
 
 
-_BY_SUFFIX: dict[str, Reader] = {".splat": read_splat, ".spz": read_spz, ".sog": read_sog, ".ksplat": read_ksplat}
+_BY_SUFFIX: dict[str, Reader] = dict(
+    zip(Splats.suffixes, (read_ply, read_splat, read_spz, read_sog, read_ksplat), strict=True)
+)

@@ -1,0 +1,65 @@
+"""Metaballs: balls that flow into each other, as a text file of centres and radii."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from topokit import Adapter
+from topokit.errors import ReadError, reading
+from topokit.files import head
+
+if TYPE_CHECKING:
+    import torch
+
+    from topokit import Shape
+
+
+class Metaballs(Adapter):
+    """The surface on which Σ exp(1 − |p − cᵢ|²/rᵢ²) is 1: for a single ball, the sphere of radius r.
+
+    A file begins with the line `metaballs N`, and each of the N lines after it is `x y z radius`.
+    """
+
+    name = "metaballs"
+    description = "metaballs: centres and radii as text"
+    suffixes = (".metaballs",)
+
+    def can_open(self, source: Path) -> bool:
+        return head(source).startswith(b"metaballs ")
+
+    def open(
+        self,
+        source: Path,
+        *,
+        resolution: int = 256,
+        n_samples: int = 10_000,
+        generator: torch.Generator | None = None,
+    ) -> Shape:
+        import topokit
+
+        centers, radii = _read(source)
+
+        def below(p: torch.Tensor) -> torch.Tensor:
+            """(N, 3) to (N,), negative inside."""
+            squares = (p[:, None].double() - centers).square().sum(dim=-1)
+            return 1 - (1 - squares / radii**2).exp().sum(dim=-1)
+
+        reach = float(radii.max()) * math.sqrt(1 + math.log(len(radii))) * 1.05  # if all balls were in one place
+        bounds = (centers.amin(dim=0) - reach).tolist(), (centers.amax(dim=0) + reach).tolist()
+        shape = topokit.from_sdf(below, bounds, resolution=resolution, n_samples=n_samples, generator=generator)
+        shape.name = source.name
+        return shape
+
+
+def _read(path: Path) -> tuple[torch.Tensor, torch.Tensor]:
+    """Centres (N, 3) and radii (N,)."""
+    import torch
+
+    with reading(path, "the metaballs reader"):
+        words = path.read_text(encoding="utf-8").split()
+        table = torch.tensor([float(word) for word in words[2:]], dtype=torch.float64).reshape(int(words[1]), 4)
+    if len(table) == 0 or not bool(table.isfinite().all()) or not bool((table[:, 3] > 0).all()):
+        raise ReadError(f"{path}: every line must be x y z and a positive radius, and there must be one.")
+    return table[:, :3], table[:, 3]

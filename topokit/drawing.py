@@ -1,0 +1,87 @@
+"""What is drawn of a shape, in files and in open3d alike: curvature at its vertices or samples, and colours for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from topokit.errors import InputError
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+Floats = NDArray[np.float64]
+Quantity = Literal["gaussian", "mean", "total"]
+_NEAREST = 6  # samples that a mesh vertex takes its value from
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A surface to look at.
+
+    Attributes:
+        positions: (N, 3), the vertices of a mesh, else the samples.
+        normals: (N, 3), unit; outward where the shape is oriented.
+        fields: gaussian, mean, total, k_min, k_max and area, (N,) each.
+        colors: (N, 3) of 0 … 255.
+        faces: (F, 3) of a mesh, facing outward where it is closed, else None.
+    """
+
+    positions: Floats
+    normals: Floats
+    fields: dict[str, Floats]
+    colors: NDArray[np.uint8]
+    faces: NDArray[np.int64] | None
+
+
+def draw(shape: Shape, color_by: Quantity = "gaussian") -> Drawing:
+    """Curvature of a shape where it is drawn, with colours.
+
+    A mesh keeps its vertices and faces; each vertex takes the distance-weighted mean of its nearest samples. Anything
+    else is drawn as its samples. Blue is negative, white zero, red positive; the scale ends at the 95th percentile
+    of the absolute value, so that single peaks do not wash out the rest.
+
+    Raises:
+        InputError: if `color_by` is not one of the three, or the samples are batched.
+    """
+    if color_by not in get_args(Quantity):
+        raise InputError(f"color_by is {color_by!r}; expected 'gaussian', 'mean' or 'total'.")
+    if shape.samples.points.ndim != 2:
+        raise InputError(
+            f"one shape is drawn at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
+            "Make a shape of each item."
+        )
+    with torch.no_grad():
+        local = shape.curvature()
+    positions = shape.samples.points.detach().cpu().double().numpy()
+    parts = (local.normals, local.gaussian, local.mean, local.total, local.principal, local.area)
+    table = torch.cat([part.reshape(len(positions), -1) for part in parts], dim=1).cpu().double().numpy()
+    faces = None
+    if shape.mesh is not None:
+        vertices = shape.mesh[0].detach().cpu().double().numpy()
+        table = _interpolate(positions, table, np.nan_to_num(vertices))  # only vertices without faces may be NaN
+        positions, faces = vertices, shape.mesh[1].cpu().numpy()
+    fields = dict(zip(("gaussian", "mean", "total", "k_min", "k_max", "area"), table.T[3:], strict=True))
+    lengths = np.linalg.norm(table[:, :3], axis=1, keepdims=True)
+    normals = table[:, :3] / np.maximum(lengths, np.finfo(float).tiny)
+    return Drawing(positions, normals, fields, diverging_colors(fields[color_by]), faces)
+
+
+def diverging_colors(values: Floats) -> NDArray[np.uint8]:
+    """(N,) values as (N, 3) colours, blue through white to red, symmetric about zero."""
+    scale = np.quantile(np.abs(values), 0.95)
+    share = np.clip(values / scale, -1, 1) if scale > 0 else np.zeros_like(values)
+    blue, white, red = np.array([33, 102, 172]), np.array([247, 247, 247]), np.array([178, 24, 43])
+    ends = np.where(share[:, None] < 0, blue, red)
+    return np.rint(white + np.abs(share)[:, None] * (ends - white)).astype(np.uint8)
+
+
+def _interpolate(points: Floats, values: Floats, targets: Floats) -> Floats:
+    distances, index = cKDTree(points).query(targets, min(_NEAREST, len(points)))
+    weights = 1 / np.maximum(distances, 1e-3 * distances[:, -1:] + np.finfo(float).tiny)
+    return (values[index] * weights[..., None]).sum(axis=1) / weights.sum(axis=1, keepdims=True)

@@ -1,0 +1,249 @@
+"""What every adapter owes, as a test class: inherit it, name the adapter, give one example file, run pytest."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+from unittest import SkipTest
+
+import torch
+from torch import Tensor
+
+from topokit.adapters.base import Adapter
+from topokit.core.neighbors import nearest_neighbors
+from topokit.core.samples import SurfaceSamples
+from topokit.errors import AdapterError, TopokitError, summary
+from topokit.plugins import foreign_code
+from topokit.registry import adapter_for, list_adapters
+from topokit.shape import Shape
+
+_ALIEN = {
+    "text": b"These are words and no shape at all.\n" * 40,
+    "zeros": bytes(5000),
+    "counting": bytes(range(256)) * 20,
+    "picture": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + bytes(range(200)),
+}
+_CUTS = (0.9, 0.5, 0.1)
+_FLIPPED = 0.05  # share of neighbours with opposite normals that sharp edges explain
+
+
+class AdapterConformance:
+    """Tests that an adapter keeps its promises, inherited by the tests of a plug-in:
+
+        class TestBlobs(AdapterConformance):
+            adapter = Blobs
+            euler = 2
+
+            def example(self, folder):
+                path = folder / "one.blob"
+                path.write_text("BLOB 1 0.5\\n")
+                return path
+
+    Every check is a method that pytest finds; nothing of pytest is needed to import this. The plug-in has to be
+    installed, or registered, so that `load` finds it.
+
+    Attributes:
+        adapter: the adapter, as a class or an instance.
+        options: given to the adapter with the example, to make it quick.
+        euler: χ of the example's surface, if the report is to find it.
+        closed: whether the example's surface is closed, so that its normals have an outside.
+        notices_truncation: False for formats in which the beginning of a file is a file, such as lists of points.
+        heavy: modules that importing the adapter must not import, besides torch and those it `requires`.
+    """
+
+    adapter: ClassVar[type[Adapter] | Adapter]
+    options: ClassVar[Mapping[str, Any]] = {}
+    euler: ClassVar[int | None] = None
+    closed: ClassVar[bool] = True
+    notices_truncation: ClassVar[bool] = True
+    heavy: ClassVar[tuple[str, ...]] = ()
+
+    def example(self, folder: Path) -> Path:
+        """Path of an example file, written into `folder` or lying elsewhere."""
+        raise NotImplementedError(f"{type(self).__name__} needs a method example(self, folder) that gives a file.")
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Small float64 tensors that an object is made of, for an adapter that is `differentiable`."""
+        raise NotImplementedError(
+            f"{self._adapter.name} claims to be differentiable: {type(self).__name__} needs the methods tensors(self) "
+            "and source_of(self, *tensors)."
+        )
+
+    def source_of(self, *tensors: Tensor) -> object:
+        """The object made of such tensors, to be opened."""
+        raise NotImplementedError(f"{type(self).__name__} needs a method source_of(self, *tensors).")
+
+    # found
+
+    def test_it_is_listed_as_usable(self) -> None:
+        info = next((info for info in list_adapters() if info.name == self._adapter.name), None)
+        assert info is not None, (
+            f"adapter {self._adapter.name!r} is not known to topokit: install the package whose entry point "
+            "(group topokit.adapters) names it, or call register_adapter."
+        )
+        assert info.usable, f"adapter {info.name!r} is listed, but not usable: {info.state}"
+        assert info.description.strip(), f"adapter {info.name!r} has no description."
+
+    def test_load_finds_it(self, tmp_path: Path) -> None:
+        path = self.example(tmp_path)
+        found = adapter_for(path)
+        assert found.name == self._adapter.name, (
+            f"load opens {path.name} with adapter {found.name!r}, not {self._adapter.name!r}: recognise the content in "
+            "can_open(), or give the adapter a suffix of its own or a higher priority."
+        )
+
+    def test_it_leaves_other_files_alone(self, tmp_path: Path) -> None:
+        for name, content in _ALIEN.items():
+            path = tmp_path / name
+            path.write_bytes(content)
+            assert not self._adapter.can_open(path), (
+                f"can_open() claims a file of {name}: it should be True only where the content leaves no doubt."
+            )
+        assert not self._adapter.can_open(tmp_path), "can_open() claims a folder of other files."
+
+    def test_importing_it_imports_nothing_heavy(self) -> None:
+        module = type(self._adapter).__module__
+        heavy = ("torch", *self._adapter.requires, *self.heavy)
+        script = f"import sys, {module}; print(*[name for name in {heavy!r} if name in sys.modules])"
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment)
+        assert run.returncode == 0, f"import {module} fails in a fresh interpreter:\n{run.stderr}"
+        assert not run.stdout.strip(), (
+            f"import {module} imports {run.stdout.strip()}, and topokit imports every adapter on the first look-up: "
+            "import it in open(), or name an opener in another module."
+        )
+
+    # samples
+
+    def test_it_returns_samples(self, tmp_path: Path) -> None:
+        points = self._samples(tmp_path).points
+        assert points.ndim == 2, f"points have the shape {tuple(points.shape)}; (N, 3) was expected of a file."
+        assert points.dtype in (torch.float32, torch.float64), (
+            f"points are {points.dtype}; float32 or float64 was expected."
+        )
+        assert points.device.type == "cpu", f"points of a file are on {points.device}; they belong on the CPU."
+        assert len(torch.unique(points, dim=0)) > 0.5 * len(points), "more than half of the points are duplicates."
+
+    def test_samples_are_finite(self, tmp_path: Path) -> None:
+        samples = self._samples(tmp_path)
+        for name in ("points", "normals", "frames", "areas"):
+            values = getattr(samples, name)
+            assert values is None or bool(torch.isfinite(values).all()), f"{name} hold NaN or infinite values."
+
+    def test_normals_point_outward(self, tmp_path: Path) -> None:
+        shape = self._open(self.example(tmp_path))
+        normals = shape.samples.known_normals()
+        if normals is None or not shape.samples.oriented:
+            raise SkipTest("the samples have no normals whose sign is to be believed")
+        points, normals = shape.samples.points.detach(), normals.detach()
+        lengths = normals.norm(dim=-1, keepdim=True)
+        assert bool((lengths > 0).all()), "some normals are zero."
+        normals = normals / lengths
+        across = (normals[:, None] * normals[nearest_neighbors(points, 6)]).sum(-1)
+        flipped = float((across < 0).double().mean())
+        assert flipped < _FLIPPED, f"{flipped:.0%} of neighbouring normals point in opposite directions."
+        if not self.closed:
+            raise SkipTest("the example is not closed, so that its normals have no outside")
+        area = shape.curvature().area.detach()
+        volume = float(((points - points.mean(dim=0)) * normals).sum(-1) @ area) / 3
+        assert volume > 0, f"the normals point inward: they enclose the volume {volume:g}; turn them round."
+
+    def test_the_report_is_right(self, tmp_path: Path) -> None:
+        report = self._open(self.example(tmp_path)).report()
+        assert self.euler is None or report.euler == self.euler, (
+            f"the report gives χ = {report.euler} ({report.verdict}); {self.euler} was expected."
+        )
+
+    # options
+
+    def test_the_same_seed_gives_the_same_samples(self, tmp_path: Path) -> None:
+        path = self.example(tmp_path)
+        state = torch.random.get_rng_state()
+        first, second = (self._open(path).samples.points for _ in range(2))
+        assert torch.equal(first, second), "two calls without a generator give different samples: fix the seed."
+        if "generator" in (self._adapter.options() or ()):
+            one, same, other = (self._open(path, seed=seed).samples.points for seed in (1, 1, 2))
+            assert torch.equal(one, same), "two generators of the same seed give different samples."
+            assert not torch.equal(one, other), "generators of different seeds give the same samples: use them."
+        assert torch.equal(state, torch.random.get_rng_state()), (
+            "opening draws from torch's global generator: draw from one of its own, torch.Generator().manual_seed(0)."
+        )
+
+    def test_the_number_of_samples_is_what_was_asked_for(self, tmp_path: Path) -> None:
+        if "n_samples" not in (self._adapter.options() or ()):
+            raise SkipTest("the adapter takes no n_samples")
+        for n_samples in (300, 500):
+            count = self._open(self.example(tmp_path), n_samples=n_samples).samples.n_points
+            assert count == n_samples, f"n_samples={n_samples} gives {count} samples."
+
+    # errors
+
+    def test_a_missing_file_is_named(self, tmp_path: Path) -> None:
+        path = self.example(tmp_path).with_name("nowhere" + self.example(tmp_path).suffix)
+        self._is_refused(path, "a missing file")
+
+    def test_an_empty_file_is_named(self, tmp_path: Path) -> None:
+        path = tmp_path / f"empty{self.example(tmp_path).suffix}"
+        path.write_bytes(b"")
+        self._is_refused(path, "an empty file")
+
+    def test_a_truncated_file_is_named(self, tmp_path: Path) -> None:
+        content = self.example(tmp_path).read_bytes()
+        for share in _CUTS:
+            path = tmp_path / f"cut{self.example(tmp_path).suffix}"
+            path.write_bytes(content[: max(1, int(share * len(content)))])
+            self._is_refused(path, f"a file cut off after {share:.0%}", must=self.notices_truncation)
+
+    # gradients
+
+    def test_samples_are_differentiable_where_that_is_claimed(self) -> None:
+        if not self._adapter.differentiable:
+            raise SkipTest("the adapter does not claim to be differentiable")
+        tensors = tuple(tensor.detach().double().requires_grad_() for tensor in self.tensors())
+
+        def points(*values: Tensor) -> Tensor:
+            return self._open(self.source_of(*values)).samples.points
+
+        value = points(*tensors)
+        assert value.requires_grad, "no gradient flows from the samples to the tensors: something was detached."
+        passes = torch.autograd.gradcheck(points, tensors, fast_mode=True, raise_exception=False, atol=1e-4)
+        assert passes, "the gradient of the samples differs from their finite differences."
+        euler = self._open(self.source_of(*tensors)).euler(refine=False)
+        for index, gradient in enumerate(torch.autograd.grad(euler, tensors, allow_unused=True)):
+            finite = gradient is not None and bool(torch.isfinite(gradient).all())
+            assert finite, f"the gradient of χ with respect to tensor {index} is missing or not finite."
+
+    @property
+    def _adapter(self) -> Adapter:
+        return self.adapter() if isinstance(self.adapter, type) else self.adapter
+
+    def _open(self, source: object, seed: int | None = None, **options: Any) -> Shape:
+        if seed is not None:
+            options["generator"] = torch.Generator().manual_seed(seed)
+        return self._adapter.open(source, **{**self.options, **options})
+
+    def _samples(self, folder: Path) -> SurfaceSamples:
+        shape = self._open(self.example(folder))
+        assert isinstance(shape, Shape), f"open() returns {type(shape).__name__}; a topokit.Shape was expected."
+        return shape.samples
+
+    def _is_refused(self, path: Path, what: str, must: bool = True) -> None:
+        refusal = None
+        try:
+            with foreign_code("open() failed"):
+                _ = self._open(path).samples
+        except TopokitError as error:
+            refusal = error
+        if isinstance(refusal, AdapterError):
+            raise AssertionError(
+                f"{what} makes open() raise {summary(refusal.__cause__)}. A TopokitError that names the file was "
+                'expected: read it in `with topokit.errors.reading(path, "the ... reader"):`.'
+            ) from refusal
+        assert refusal is not None or not must, (
+            f"{what} is opened as if nothing were missing; a TopokitError that names the file was expected."
+        )
+        assert refusal is None or path.name in str(refusal), f"{what} is refused without its name: {refusal}"

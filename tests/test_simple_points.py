@@ -141,7 +141,7 @@ def test_only_the_two_connectivities():
 
 
 def test_number_of_simple_neighbourhoods_is_the_known_one():
-    """25,985,144 of all 2^26, in the literature since G. Malandain's tables; mirror images are counted once, twofold."""
+    """25,985,144 of all 2^26, in the literature since G. Malandain's tables; mirror images are counted together."""
     middle = np.arange(1 << 8, dtype=np.int32)
     middle = (middle & 0xF) << 9 | (middle >> 4) << 14
     simple = 0

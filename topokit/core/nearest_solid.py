@@ -66,22 +66,23 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
 
 
 def _candidates(field: Values, betti: Betti, change: Change, connectivity: int | None) -> Iterator[_Candidate]:
-    """The best solid of each scale."""
+    """The best solids of each scale: by raising the level, and by lowering it."""
     present, tilted = field > 0, _tilted(field)
     for scale in _SCALES:
         smooth = gaussian_filter(tilted, scale, mode="nearest", truncate=3.0) if scale else tilted
-        best: tuple[int, Bools] | None = None
+        best: dict[bool, tuple[int, Bools]] = {}
         for level in _levels(smooth, betti, change):
+            raised = level > 0
+            if raised in best and best[raised][0] == 0:
+                continue
             above = smooth > level
             template = above | present if change == "add" else above & present if change == "remove" else above
             missing = _missing(template, betti, connectivity)
-            if best is None or missing < best[0]:
-                best = missing, template
-            if missing == 0:
-                break
-        if best is not None:
-            solid = deform(best[1], present, connectivity)
-            yield _Candidate(best[0], cost(field, solid), solid)
+            if raised not in best or missing < best[raised][0]:
+                best[raised] = missing, template
+        for missing, template in best.values():
+            solid = deform(template, present, connectivity)
+            yield _Candidate(missing, cost(field, solid), solid)
 
 
 def cost(field: Values, solid: Bools) -> float:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.field import GridField
-from topokit.core.grid_euler import critical_index, smoothed_euler
+from topokit.core.grid_euler import at_least_single, critical_index, smoothed_euler
 from topokit.core.simple_points import OFFSETS, Codes, touching
 from topokit.errors import InputError
 
@@ -58,7 +58,7 @@ def critical_points(
             f"critical points are those of one finite floating-point field (X, Y, Z); got {tuple(field.shape)}, "
             f"{field.dtype}."
         )
-    leaf = field.detach().clone().requires_grad_()
+    leaf = at_least_single(field.detach()).clone().requires_grad_()
     with torch.enable_grad():
         missed = (smoothed_euler(leaf, tau, level, connectivity) - target).square()
     (slope,) = torch.autograd.grad(missed, leaf)

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass
 
 from torch import Tensor
 
-from topokit.core.grid_components import betti_numbers
+from topokit.core.grid_components import betti_numbers, grid_components
+from topokit.core.nearest_solid import Betti
 from topokit.errors import InputError
 from topokit.losses.goal import Target, goal_of
 from topokit.losses.source import FieldSource
@@ -103,11 +104,12 @@ class TopologyMonitor:
         fields = self._source(source() if callable(source) else source)
         if len(fields) != 1:
             raise InputError(f"a monitor watches one field; got a batch of {len(fields)}. Use one monitor for each.")
-        components, tunnels, cavities = betti_numbers(fields[0].detached(), 0.0, fields[0].connectivity).tolist()
+        values, connectivity = fields[0].detached(), fields[0].connectivity
+        components, tunnels, cavities = betti_numbers(values, 0.0, connectivity).tolist()
         record = TopologyRecord(step, 2 * (components - tunnels + cavities), components, tunnels, cavities)
         self.history.append(record)
         _log.info("step %d: χ %d, components %d, tunnels %d, cavities %d", *asdict(record).values())
-        self._met = self._met + 1 if self._is_met(record) else 0
+        self._met = self._met + 1 if self._is_met(record, values, connectivity) else 0
         return self._met >= self._patience
 
     def columns(self) -> dict[str, list[int]]:
@@ -115,9 +117,17 @@ class TopologyMonitor:
         rows = [asdict(record) for record in self.history]
         return {name: [row[name] for row in rows] for name in TopologyRecord.__dataclass_fields__}
 
-    def _is_met(self, record: TopologyRecord) -> bool:
+    def _is_met(self, record: TopologyRecord, values: Tensor, connectivity: int) -> bool:
         if self._goal is None:
             return False
         if self._goal.betti is None:
             return record.euler == self._goal.euler
-        return (record.components, record.tunnels, record.cavities) == self._goal.betti
+        if (record.components, record.tunnels, record.cavities) != self._goal.betti:
+            return False
+        return not self._goal.parts or _betti_by_size(values, connectivity) == self._goal.parts
+
+
+def _betti_by_size(values: Tensor, connectivity: int) -> tuple[Betti, ...]:
+    """Betti numbers of each component, the largest first."""
+    parts = sorted(grid_components(values, 0.0, connectivity)[1], key=lambda part: -part.voxels)
+    return tuple((1, part.tunnels, part.cavities) for part in parts)

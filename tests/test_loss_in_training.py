@@ -77,7 +77,7 @@ def test_each_component_gets_its_own_topology():
 
 
 def test_parts_are_first_counted_and_then_mended():
-    three = union(torus(P, 0.28, 0.12, (-0.5, 0, 0)), torus(P, 0.25, 0.12, (0.5, 0, 0)), ball(P, 0.15, (0, 0.7, 0.7)))
+    three = union(torus(P, 0.28, 0.12, (-0.5, 0, 0)), torus(P, 0.25, 0.12, (0.5, 0, 0)), ball(P, 0.1, (0, 0.7, 0.7)))
     field = optimised(three, tk.EulerLoss(genus=(0, 1)), tau=0.04, steps=100)
     assert [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)] == [0, 1]
 

@@ -118,7 +118,7 @@ def test_hinge_is_a_huber_loss_in_margins():
     sides = torch.tensor([-1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
     loss = hinge(GridField(field), Decisive(voxels, sides), 0.2)
     shortfalls = [1 + 1.5, 1.5, 0.5, 0.0]  # in margins; quadratic below 1
-    assert float(loss) == pytest.approx(sum(s - 0.5 if s > 1 else s * s / 2 for s in shortfalls) / 4)
+    assert loss.item() == pytest.approx(sum(s - 0.5 if s > 1 else s * s / 2 for s in shortfalls) / 4)
     (slope,) = torch.autograd.grad(loss, field)
     assert slope.flatten().tolist() == pytest.approx([1.25, -1.25, -0.625, 0.0])
 

@@ -46,6 +46,8 @@ def test_a_schedule_is_found_from_the_field():
     assert math.isfinite(TauSchedule.for_field(walled, 50).coarsest)
     steep = TauSchedule.for_field(TORUS.sign(), 50)  # as coarse as it is fine
     assert (steep.finest, steep.coarsest) == (1.0, 1.0)
+    flat = TauSchedule.for_field(torch.where(BALL > 0, 1.0, -0.01), 50)
+    assert flat.coarsest == flat.finest == pytest.approx(0.505)
 
 
 def test_a_schedule_evaluates_a_network_once():

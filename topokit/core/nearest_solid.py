@@ -47,7 +47,8 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
         field: (X, Y, Z), positive inside, finite.
         betti: wanted numbers of components, tunnels and cavities of the solid.
         change: whether voxels may only be added to the solid, only removed from it, or both.
-        connectivity: 6 or 26, that of the solid; None asks for the Betti numbers in both, so that any mesher agrees.
+        connectivity: 6 or 26, that of the solid; None asks for the Betti numbers in both. Any mesher agrees
+            then, unless voxels meet through an edge or a corner alone, as in noise.
 
     Returns:
         (X, Y, Z) bool.
@@ -73,8 +74,8 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
         best: dict[bool, tuple[int, Bools]] = {}
         for level in _levels(smooth, betti, change):
             raised = level > 0
-            if raised in best and best[raised][0] == 0:
-                continue
+            if raised in best and any(missing == 0 for missing, _ in best.values()):
+                continue  # one fits: the other way is tried once
             above = smooth > level
             template = above | present if change == "add" else above & present if change == "remove" else above
             missing = _missing(template, betti, connectivity)

@@ -96,7 +96,7 @@ def is_simple(codes: Codes, connectivity: int | None = None) -> Bools:
 
     Args:
         codes: (N,) neighbourhoods from `PaddedSolid.codes`; the middle bit does not matter.
-        connectivity: 6 or 26, that of the solid; None for simple in both, so that any mesher agrees.
+        connectivity: 6 or 26, that of the solid; None for simple in both.
 
     Returns:
         (N,) bool.

@@ -47,7 +47,7 @@ class EulerLoss(nn.Module):
             distinction, so then the guard alone is used.
         level: of a plain field; {field > level} is the solid.
         connectivity: 6 or 26, of χ_τ of a plain field. The guard asks for the topology in both, so that any mesher
-            agrees.
+            agrees, unless voxels meet through an edge or a corner alone, as in noise.
         euler_weight: of (χ_τ − target)².
         guard_weight: of the guard's hinge.
         refresh: calls between searches for a nearer solid; in between the known one follows the field.

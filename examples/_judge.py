@@ -11,14 +11,13 @@ from skimage.measure import marching_cubes
 _NAMED = 3  # surfaces described one by one
 
 
-def judged(field: ArrayLike, level: float = 0.0) -> str:
-    """One line on the solid {field > level}: its surfaces, and V − E + F and genus of each, the three largest
-    first.
+def judged(field: ArrayLike) -> str:
+    """One line on the solid {field > 0}: its surfaces, and V − E + F and genus of the largest.
 
     Args:
         field: (X, Y, Z), positive inside; outside the grid there is only background.
     """
-    padded = np.pad(np.asarray(field, dtype=np.float64) - level, 1, constant_values=-1.0)
+    padded = np.pad(np.asarray(field, dtype=np.float64), 1, constant_values=-1.0)
     if not (padded > 0).any():
         return "nothing"
     faces = marching_cubes(padded, 0.0)[1].astype(np.int64)

@@ -13,56 +13,72 @@ Floats = NDArray[np.float64]
 
 _SIDE, _FINER = 400, 2  # pixels along a panel, and rays along a pixel
 _STEP = 0.5  # along a ray, in cells
+_DOT_SIZE = 3  # rays
+_SHADOW = 0.25  # of the light
 _LIGHT = np.array([-0.45, 0.6, 0.66])  # right, up, towards the eye
 _COLOUR = np.array([0.93, 0.63, 0.32])
-_SKY, _GROUND, _DOT = np.array([0.97, 0.98, 1.0]), np.array([0.80, 0.84, 0.90]), np.array([0.10, 0.22, 0.38])
+_SKY, _GROUND, _DOT = np.array([[0.97, 0.98, 1.0], [0.80, 0.84, 0.90], [0.10, 0.22, 0.38]])
 
 
 def save_pair(
     path: Path,
     before: ArrayLike,
     after: ArrayLike,
+    *,
     eye: tuple[float, float, float] = (1.0, -1.6, 1.9),
-    **options: float,
+    zoom: float = 1.0,
+    dots: tuple[ArrayLike, ArrayLike] = ((), ()),
 ) -> None:
-    """Write two solids side by side as a PNG, 800 × 400.
+    """Write two solids side by side as a PNG, 800 × 400, and say where it is.
 
     Args:
         path: of the picture.
-        before, after: fields (X, Y, Z), positive inside.
+        before: field (X, Y, Z), positive inside.
+        after: the same, later.
         eye: direction from the middle of the grid to whoever looks; z is up.
-        options: see `panel`.
+        zoom: 1 shows the whole grid.
+        dots: points (N, 3) to mark on either solid, in steps of the grid from its first point.
     """
-    panels = [panel(np.asarray(field, dtype=np.float64), eye, **options) for field in (before, after)]
-    Image.fromarray(np.concatenate(panels, axis=1)).save(path)
+    views = [
+        _shaded(np.asarray(field, dtype=np.float64), np.asarray(marks, dtype=np.float64).reshape(-1, 3), eye, zoom)
+        for field, marks in zip((before, after), dots, strict=True)
+    ]
+    Image.fromarray(np.concatenate(views, axis=1)).save(path)
     print(f"picture: {path}")
 
 
-def panel(field: Floats, eye: tuple[float, float, float], zoom: float = 1.0) -> NDArray[np.uint8]:
+def _shaded(field: Floats, dots: Floats, eye: tuple[float, float, float], zoom: float) -> NDArray[np.uint8]:
     """One solid, (side, side, 3)."""
     field = np.pad(field, 1, constant_values=min(-1e-3, float(field.min())))
-    size = np.array(field.shape, dtype=np.float64)
+    middle, reach = (np.array(field.shape) - 1) / 2, float(np.linalg.norm(field.shape))
     towards = np.array(eye) / np.linalg.norm(eye)
     right = np.cross((0.0, 0.0, 1.0), towards)
     right /= np.linalg.norm(right)
     up = np.cross(towards, right)
-    n = _SIDE * _FINER
-    across = (np.arange(n) + 0.5) / n - 0.5
-    extent = 1.15 * size.max() / zoom
-    starts = (size - 1) / 2 + extent * (across[None, :, None] * right - across[:, None, None] * up)
-    solid, reach = _Solid(field), float(np.linalg.norm(size))
-    hits, points = solid.first_hits(starts.reshape(-1, 3) + reach / 2 * towards, -towards, reach)
+    n, extent = _SIDE * _FINER, 1.15 * max(field.shape) / zoom
+    across = extent * ((np.arange(n) + 0.5) / n - 0.5)
+    starts = (across[None, :, None] * right - across[:, None, None] * up).reshape(-1, 3) + middle
+    solid = _Solid(field)
+    hits, points = solid.first_hits(starts + reach / 2 * towards, -towards, reach)
+
     height = np.linspace(1, 0, n)[:, None, None]
     picture = np.broadcast_to(height * _SKY + (1 - height) * _GROUND, (n, n, 3)).reshape(-1, 3).copy()
     normals = solid.normals(points)
     light = np.stack([right, up, towards], axis=1) @ (_LIGHT / np.linalg.norm(_LIGHT))
     direct = np.maximum(normals @ light, 0)
-    direct[solid.first_hits(points + 1.5 * normals, light, reach)[0]] *= 0.25
+    direct[solid.first_hits(points + 1.5 * normals, light, reach)[0]] *= _SHADOW
     ambient = 0.34 + 0.16 * (normals @ up)
     glint = np.maximum(normals @ ((light + towards) / np.linalg.norm(light + towards)), 0) ** 40
     picture[hits] = np.clip(_COLOUR * (ambient + 0.75 * direct)[:, None] + 0.25 * (glint * (direct > 0))[:, None], 0, 1)
-    blocks = picture.reshape(_SIDE, _FINER, _SIDE, _FINER, 3).mean((1, 3))
-    return (255 * blocks + 0.5).astype(np.uint8)
+
+    nearest = np.full(n * n, -np.inf)
+    nearest[hits] = (points - middle) @ towards
+    dots = dots + 1 - middle
+    columns, rows = ((0.5 + dots @ right / extent) * n).astype(int), ((0.5 - dots @ up / extent) * n).astype(int)
+    for shift in np.ndindex(_DOT_SIZE, _DOT_SIZE):
+        pixel = np.clip(rows + shift[0], 0, n - 1) * n + np.clip(columns + shift[1], 0, n - 1)
+        picture[pixel[dots @ towards > nearest[pixel] - 1.0]] = _DOT
+    return (255 * picture.reshape(_SIDE, _FINER, _SIDE, _FINER, 3).mean((1, 3)) + 0.5).astype(np.uint8)
 
 
 class _Solid:

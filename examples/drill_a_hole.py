@@ -42,6 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Drill the hole of a washer that a volume does not show.")
     parser.add_argument("picture", nargs="?", type=Path, default=Path("drill_a_hole.png"))
     picture = parser.parse_args().picture
+    torch.set_num_threads(1)  # small tensors; and the same figures on every machine
     depth = washer().clamp(-0.2, 0.2)
     measured = depth + 0.02 * torch.randn(depth.shape, generator=torch.Generator().manual_seed(0))
     values = measured.clone().requires_grad_()

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 import topokit as tk
 
 
-def torus_distance(points: Tensor, major: float = 0.5, minor: float = 0.3) -> Tensor:
+def torus_distance(points: Tensor, major: float = 0.5, minor: float = 0.32) -> Tensor:
     """Signed distance (N,) of points (N, 3) to a torus around the z axis, negative inside."""
     return torch.hypot(points[:, :2].norm(dim=1) - major, points[:, 2]) - minor
 

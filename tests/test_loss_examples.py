@@ -41,7 +41,7 @@ def test_an_example_reaches_its_topology(
     found = [tuple(map(int, match)) for match in SURFACES.findall(run.stdout)]
     assert len(found) == 2, run.stdout
     if name == "remove_floaters":  # how many there are is a matter of the last digits
-        assert found[0][0] > 5
+        assert found[0][0] > 3
         assert found[0][1:] == before[1:]
     else:
         assert found[0] == before

@@ -127,15 +127,12 @@ def test_loss_and_gradient_are_finite_at_degenerate_fields(options, dtype, gener
 
 
 @SILENT
-def test_huge_and_tiny_values_and_infinite_ones_at_any_scale():
+def test_huge_and_tiny_values():
     for scale in (1e-40, 1e-30, 1e30):
         for options in (ALONE, {}):
             loss, gradient = slope(scale * TORUS, 2.0, **options)
             assert loss.isfinite()
             assert gradient.isfinite().all()
-    walled = torch.where(TORUS < -0.3, -math.inf, TORUS)  # infinite values are the last that should be moved
-    small, large = (tk.euler_loss(scale * walled, genus=0, tau=0.05 * scale) for scale in (1.0, 1000.0))
-    assert small == pytest.approx(float(large))
 
 
 def test_nan_gives_nan_but_is_background_to_the_guard():
@@ -249,12 +246,3 @@ def test_the_module_mirrors_the_function_and_remembers_per_item():
     twin.load_state_dict(loss.state_dict())
     assert twin._guards[0] is not loss._guards[0]
     assert twin(TORUS, 0.05) == loss(TORUS, 0.05) == first
-
-
-def test_a_known_solid_follows_the_field_and_a_search_comes_when_due():
-    """Between searches the solid is only deformed, so what is new in the field is not yet judged."""
-    loss = tk.EulerLoss(genus=0, refresh=3, euler_weight=0.0)
-    loss(BALL, 0.01)
-    seen = [float(loss(TORUS, 0.01)) for _ in range(4)]
-    assert seen[0] == seen[1]
-    assert min(seen) > 1

@@ -44,11 +44,16 @@ def test_voxels_decide_when_they_are_short_of_their_side_and_not_simple():
     assert missing.sum() > 3
     assert set(map(tuple, np.argwhere(missing).tolist())) <= set(map(tuple, decisive.voxels.tolist()))
     assert len(Guard((1, 0, 0), "add", 20).decisive(BALL, 0.001).voxels) == 0
-    held = Guard((1, 0, 0), "add", 20).decisive(BALL, 0.3)  # on their side, but within the margin
-    depths = held.sides.numpy() * BALL[tuple(held.voxels.T.numpy())]
-    assert (depths > 0).all()
-    assert (depths < 0.3).all()
-    assert set(held.sides.tolist()) == {1.0, -1.0}
+
+
+def test_what_decides_is_held_by_the_margin_but_nothing_well_inside_is():
+    thin = thinned(0.12)
+    few, more, most = (Guard((1, 1, 0), "any", 20).decisive(thin, margin) for margin in (0.05, 0.2, 10.0))
+    depths = few.sides.numpy() * thin[tuple(few.voxels.T.numpy())]
+    assert len(few.voxels) > 0
+    assert ((depths > 0) & (depths < 0.05)).all()
+    assert len(few.voxels) < len(more.voxels) == len(most.voxels) < 50  # a margin beyond a cell asks for no more
+    assert len(Guard((1, 0, 0), "any", 20).decisive(BALL, 10.0).voxels) == 0
 
 
 def test_searches_come_when_due_and_only_while_the_topology_is_wrong(searches):

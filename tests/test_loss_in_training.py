@@ -93,11 +93,13 @@ def test_a_module_that_is_reset_starts_anew():
 
 def test_out_of_reach_is_said_and_can_be_called_backward_on():
     field = ball(P, 0.5).requires_grad_()
-    with pytest.warns(UserWarning, match="no movement of the level gives the solid") as caught:
-        loss = tk.euler_loss(field, genus=5, tau=0.05, change="add")
+    silent = tk.EulerLoss(genus=5, change="add")
+    with pytest.warns(UserWarning, match="no solid with the Betti numbers") as caught:
+        loss = silent(field, tau=0.05)
+    assert caught[0].filename == __file__
     assert str(caught[0].message) == (
-        "no movement of the level gives the solid (1, 5, 0) components, tunnels and cavities (change='add'), so the "
-        "guard is silent. Is the grid too coarse, or is there nothing yet that could become them?"
+        "no solid with the Betti numbers (1, 5, 0) is in reach (change='add'), so the guard is silent. Is the grid too "
+        "coarse, is there nothing yet that could become them, or do they need another change?"
     )
     loss.backward()
     assert loss == 0
@@ -150,6 +152,23 @@ def test_of_a_network_only_what_decides_is_evaluated_with_a_graph(options):
     for ours, expected in zip(*(torch.autograd.grad(one, parameters) for one in (loss, dense)), strict=True):
         torch.testing.assert_close(ours, expected)
         assert ours.abs().max() > 0
+
+
+def test_between_looks_the_voxels_last_found_are_pushed():
+    evaluations = []
+
+    def sdf(p):
+        evaluations.append(len(p))
+        return torch.hypot(p[:, :2].norm(dim=-1) - 0.5, p[:, 2]) - 0.3
+
+    shape = tk.from_sdf(sdf, bounds=((-1,) * 3, (1,) * 3), field_resolution=16)
+    loss = tk.EulerLoss(genus=0, change="add", look_every=3)
+    answers = []
+    for _ in range(4):
+        evaluations.clear()
+        answers.append((float(loss(shape, tau=0.05)), sum(evaluations) >= 17**3))
+    assert [is_look for _, is_look in answers] == [True, False, False, True]
+    assert len({value for value, _ in answers}) == 1
 
 
 def test_a_network_right_already_is_not_called_with_nothing():

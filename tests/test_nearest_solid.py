@@ -145,6 +145,18 @@ def test_what_is_right_stays_as_it_is(generator):
         assert (solid == (field > 0).numpy()).all()
 
 
+def test_what_is_thicker_than_the_body_is_dropped_or_filled():
+    p = grid(28)
+    thin = torus(p, 0.6, 0.15)
+    dropped = nearest_solid(union(thin, ball(p, 0.25, (0, 0, 0.6))).numpy(), (1, 1, 0), "remove")
+    assert np.array_equal(dropped, thin.numpy() > 0)
+    slab = block(p, (0.8, 0.8, 0.5))
+    hollow = without(slab, ball(p, 0.35)).numpy()
+    filled = nearest_solid(hollow, (1, 0, 0), "add")
+    assert np.array_equal(filled, slab.numpy() > 0)
+    assert nearest_solid(hollow, (1, 0, 0), "remove").sum() < (hollow > 0).sum()
+
+
 def test_out_of_reach_is_none():
     assert nearest_solid(ball(P, 0.6).numpy(), (1, 5, 0)) is None
     assert nearest_solid(ball(P, 0.6).numpy(), (2, 0, 0), "add") is None

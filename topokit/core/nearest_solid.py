@@ -2,20 +2,21 @@
 
 Moving the level of a field removes parts, tunnels and cavities one after the other: {field > t} has the wanted Betti
 numbers for some levels t, if not for 0. The solid at the nearest such level is then moved back towards {field > 0} as
-far as its topology allows. Noise hides levels, so the field is also looked at smoothed by one and by two cells; of
-several solids the one that asks for the least change of the field is taken. Where no level has all of the numbers
-right, the one that comes nearest is taken, and the search goes on from there.
+far as its topology allows. Noise hides levels, so the field is also looked at smoothed by one and by two cells; and
+parts thicker than the body are at no level gone before it, so dropping the slightest parts and filling the slightest
+cavities is tried, too. Of several solids the one that asks for the least change of the field is taken. Where none has
+all of the numbers right, the one that comes nearest is taken, and the search goes on from there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, label
 
 from topokit.core.grid_components import betti_numbers
 from topokit.core.grid_euler import critical_index
@@ -29,6 +30,7 @@ Values = NDArray[np.floating]
 _SCALES = (0.0, 1.0, 2.0)  # smoothing, in cells
 _LEVELS = 8  # tried per scale
 _TILT = 1e-3  # of a typical depth, over the whole grid
+_CORNERS = np.ones((3, 3, 3))  # for labels: what touches at a corner is one, whatever the connectivity
 _STAGES = 4  # of which each mends what one movement of the level can
 
 
@@ -67,8 +69,10 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
 
 
 def _candidates(field: Values, betti: Betti, change: Change, connectivity: int | None) -> Iterator[_Candidate]:
-    """The best solids of each scale: by raising the level, and by lowering it."""
+    """The solid without its slightest parts, and the best ones of each scale, by raising and by lowering the level."""
     present, tilted = field > 0, _tilted(field)
+    pruned = _pruned(field, betti, change)
+    yield _Candidate(_missing(pruned, betti, connectivity), cost(field, pruned), pruned)
     for scale in _SCALES:
         smooth = gaussian_filter(tilted, scale, mode="nearest", truncate=3.0) if scale else tilted
         best: dict[bool, tuple[int, Bools]] = {}
@@ -84,6 +88,27 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
         for missing, template in best.values():
             solid = deform(template, present, connectivity)
             yield _Candidate(missing, cost(field, solid), solid)
+
+
+def _pruned(field: Values, betti: Betti, change: Change) -> Bools:
+    """The solid without the components, and with the cavities filled, that are too many and cost the least."""
+    solid = field > 0
+    if change != "add":
+        labels, count = label(solid, _CORNERS)
+        solid &= ~_cheapest(field, labels, range(1, count + 1), count - betti[0])
+    if change != "remove":
+        labels, count = label(np.pad(~solid, 1, constant_values=True), _CORNERS)
+        enclosed = [region for region in range(1, count + 1) if region != labels[0, 0, 0]]
+        solid |= _cheapest(field, labels[1:-1, 1:-1, 1:-1], enclosed, len(enclosed) - betti[2])
+    return solid
+
+
+def _cheapest(field: Values, labels: NDArray[np.int32], among: Sequence[int], number: int) -> Bools:
+    """Voxels of the labels whose values have the least sum of squares."""
+    if number <= 0:
+        return np.zeros(field.shape, dtype=bool)
+    costs = np.bincount(labels.ravel(), weights=np.square(field, dtype=np.float64).ravel())
+    return np.isin(labels, sorted(among, key=lambda one: costs[one])[:number])
 
 
 def cost(field: Values, solid: Bools) -> float:

@@ -50,7 +50,9 @@ class EulerLoss(nn.Module):
             agrees, unless voxels meet through an edge or a corner alone, as in noise.
         euler_weight: of (χ_τ − target)².
         guard_weight: of the guard's hinge.
-        refresh: calls between searches for a nearer solid; in between the known one follows the field.
+        refresh: looks between searches for a nearer solid; in between the known one follows the field.
+        look_every: calls between looks at the whole field; in between the voxels last found are pushed. For networks,
+            where evaluating the grid is most of a call.
         resolution: grid points along a side, at most, for the winding field of samples.
         reduction: "mean", "sum" or "none" over the batch.
 
@@ -79,6 +81,7 @@ class EulerLoss(nn.Module):
         euler_weight: float = 1.0,
         guard_weight: float = 10.0,
         refresh: int = 20,
+        look_every: int = 1,
         resolution: int = 64,
         reduction: Reduction = "mean",
     ) -> None:
@@ -89,8 +92,8 @@ class EulerLoss(nn.Module):
         ):
             if value not in known:
                 raise InputError(f"{name} must be one of {known}, not {value!r}.")
-        if refresh < 1:
-            raise InputError(f"refresh must be at least 1, not {refresh}.")
+        if refresh < 1 or look_every < 1:
+            raise InputError(f"refresh and look_every must be at least 1, got {refresh} and {look_every}.")
         if not (0 <= euler_weight < math.inf and 0 <= guard_weight < math.inf):
             raise InputError(f"weights must be finite and not negative, got {euler_weight} and {guard_weight}.")
         self.goal = goal_of(target, genus, components, cavities)
@@ -100,14 +103,17 @@ class EulerLoss(nn.Module):
         self.euler_weight = euler_weight
         self.guard_weight = guard_weight
         self.refresh = refresh
+        self.look_every = look_every
         self.reduction = reduction
         self._source = FieldSource(level, connectivity, resolution)
-        self._guards: list[Guard | PartsGuard] = []
-        self._grids: Sequence[object] = ()
+        self.reset()
 
     def reset(self) -> None:
         """Forget the nearest solids."""
-        self._guards = []
+        self._guards: list[Guard | PartsGuard] = []
+        self._grids: Sequence[object] = ()
+        self._seen: list[Tensor] = []
+        self._calls = 0
 
     def forward(self, source: Tensor | Shape, tau: float | None = None) -> Tensor:
         """The loss.
@@ -117,13 +123,14 @@ class EulerLoss(nn.Module):
                 (from_sdf, from_occupancy, from_voxels: of functions, only the voxels that matter are evaluated with a
                 graph), or with oriented samples (points, splats), whose winding field is used.
             tau: how far about the level the loss looks, in units of the field: the scale of χ_τ, and the margin by
-                which the guard wants voxels on their side. Half the field's typical change over a cell if None.
+                which the guard wants voxels on their side (at most the field's typical change over a cell). Half that
+                change if None.
 
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Differentiable at a fixed choice of
-            critical and decisive voxels; finite for infinite and constant fields. NaN in a plain field gives NaN in
-            χ_τ; to the guard it is background. Slopes go with 1 / tau: a float16 field cannot hold them when tau is
-            below about 1e-3.
+            critical and decisive voxels, and of a tau taken from the field; finite for infinite and constant fields.
+            NaN in a plain field gives NaN in χ_τ; to the guard it is background. Slopes go with 1 / tau: a
+            float16 field cannot hold them when tau is below about 1e-3.
 
         Raises:
             InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
@@ -134,44 +141,48 @@ class EulerLoss(nn.Module):
             chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
             return self._reduced(self.euler_weight * (chi - self.goal.euler).square())
         fields = self._source(source)
-        values = [field.detached() for field in fields]
-        guards = self._guards_of(fields, values)
-        losses = [self._one(*item, tau) for item in zip(fields, values, guards, strict=True)]
+        is_look = self._look(fields)
+        guards: Sequence[Guard | PartsGuard | None] = self._guards or [None] * len(fields)
+        losses = [self._one(*item, tau, is_look) for item in zip(fields, self._seen, guards, strict=True)]
+        if any(guard is not None and guard.found is None for guard in guards):
+            warnings.warn(
+                f"no solid with the Betti numbers {self.goal.betti} is in reach (change={self.change!r}), so the guard "
+                "is silent. Is the grid too coarse, is there nothing yet that could become them, or do they need "
+                "another change?",
+                stacklevel=4,  # of whoever called the module
+            )
         return self._reduced(torch.stack(losses).reshape(source.shape[:-3] if isinstance(source, Tensor) else ()))
 
-    def _one(self, field: Field, values: Tensor, guard: Guard | PartsGuard | None, tau: float | None) -> Tensor:
-        """The loss of one field; its values without a graph are at hand."""
-        tau = max(0.5 * median_step_at_crossings(values), _FINEST) if tau is None else tau
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def _look(self, fields: list[Field]) -> bool:
+        """Evaluate the fields without a graph, if it is time; new guards where the grids are others than last time."""
+        is_look = self._calls % self.look_every == 0 or len(fields) != len(self._seen)
+        self._calls += 1
+        if not is_look:
+            return False
+        self._seen = [field.detached() for field in fields]
+        grids = [(field.origin, field.spacing, seen.shape) for field, seen in zip(fields, self._seen, strict=True)]
+        if grids != self._grids and self.goal.betti is not None:
+            self._guards = [self._new_guard() for _ in fields]
+        self._grids = grids
+        return True
+
+    def _one(
+        self, field: Field, seen: Tensor, guard: Guard | PartsGuard | None, tau: float | None, is_look: bool
+    ) -> Tensor:
+        """The loss of one field, of which was seen what its values are without a graph."""
+        tau = max(0.5 * median_step_at_crossings(seen), _FINEST) if tau is None else tau
         parts = []
         if guard is None or (self.change == "any" and self.euler_weight):
-            chi = field.smoothed_euler(tau, values)
-            parts.append(self.euler_weight * (chi - self.goal.euler).square())
+            parts.append(self.euler_weight * (field.smoothed_euler(tau, seen) - self.goal.euler).square())
         if guard is not None:
-            parts.append(self.guard_weight * self._guarded(field, values, guard, tau))
+            parts.append(self.guard_weight * self._guarded(field, seen, guard, tau, is_look))
         return torch.stack(parts).sum()
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
-    def _guarded(self, field: Field, values: Tensor, guard: Guard | PartsGuard, tau: float) -> Tensor:
-        decisive = guard.decisive(at_least_single(values).cpu().numpy(), tau)
-        if decisive is None:
-            warnings.warn(
-                f"no movement of the level gives the solid {self.goal.betti} components, tunnels and cavities "
-                f"(change={self.change!r}), so the guard is silent. Is the grid too coarse, or is there nothing yet "
-                "that could become them?",
-                stacklevel=2,
-            )
-            return nothing(field)
-        return hinge(field, decisive, tau)
-
-    @torch.compiler.disable  # type: ignore[untyped-decorator]
-    def _guards_of(self, fields: list[Field], values: list[Tensor]) -> list[Guard | PartsGuard] | list[None]:
-        """The guard of each field; new ones where the grids are not those of the last call."""
-        if self.goal.betti is None:
-            return [None] * len(fields)
-        grids = [(field.origin, field.spacing, one.shape) for field, one in zip(fields, values, strict=True)]
-        if not self._guards or grids != self._grids:
-            self._grids, self._guards = grids, [self._new_guard() for _ in fields]
-        return self._guards
+    def _guarded(self, field: Field, seen: Tensor, guard: Guard | PartsGuard, tau: float, is_look: bool) -> Tensor:
+        found = guard.decisive(at_least_single(seen).cpu().numpy(), tau) if is_look else guard.found
+        return nothing(field) if found is None else hinge(field, found, tau)
 
     def _new_guard(self) -> Guard | PartsGuard:
         assert self.goal.betti is not None

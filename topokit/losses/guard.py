@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from topokit.core.field import Field
+from topokit.core.field import Field, median_step_at_crossings
 from topokit.core.grid_euler import at_least_single
 from topokit.core.homotopy import deform
 from topokit.core.nearest_solid import Betti, Change, Values, cost, nearest_solid
@@ -42,6 +42,7 @@ class Guard:
 
     Attributes:
         solid: (X, Y, Z) bool, or None as long as none was found.
+        found: what was last found to be decisive; None without a solid.
     """
 
     def __init__(self, betti: Betti, change: Change, refresh: int) -> None:
@@ -50,25 +51,32 @@ class Guard:
         self.change = change
         self.refresh = refresh
         self.solid: Bools | None = None
+        self.found: Decisive | None = None
         self._calls = 0
+        self._cell = np.inf  # the field's typical change over a cell
 
     def decisive(self, field: Values, margin: float) -> Decisive | None:
         """What the field has to change and to hold, or None if no solid of the wanted topology is in reach.
 
         Args:
             field: (X, Y, Z), level subtracted, positive inside. NaN is background; infinite values cannot be moved.
-            margin: by which the field has to be on the right side.
+            margin: by which the field has to be on the right side, or by its typical change over a cell if that is
+                less: else all voxels well inside and outside would be decisive, and the whole shape be pushed.
         """
         movable = np.isfinite(field)
-        largest = np.abs(field[movable]).max(initial=0.0) or 1.0
-        field = np.where(movable, field, np.where(field > 0, largest, -largest))
+        if not movable.all():
+            largest = np.abs(field[movable]).max(initial=0.0) or 1.0
+            field = np.where(movable, field, np.where(field > 0, largest, -largest))
         self._follow(field)
-        if self.solid is None:
-            return None
-        short = movable & (np.where(self.solid, field, -field) < margin)
-        padded = PaddedSolid(self.solid)
+        self.found = None if self.solid is None else self._choose(self.solid, field, movable, min(margin, self._cell))
+        return self.found
+
+    def _choose(self, solid: Bools, field: Values, movable: Bools, margin: float) -> Decisive:
+        short = movable & (np.where(solid, field, -field) < margin)
+        padded = PaddedSolid(solid)
         voxels = np.argwhere(short)[~is_simple(padded.codes(padded.indices(short)))]
-        return Decisive(torch.from_numpy(voxels), torch.from_numpy(np.where(self.solid[tuple(voxels.T)], 1.0, -1.0)))
+        sides = np.where(solid[tuple(voxels.T)], 1.0, -1.0)
+        return Decisive(torch.from_numpy(voxels), torch.from_numpy(sides))
 
     def _follow(self, field: Values) -> None:
         """Bring the solid up to date with the field."""
@@ -77,6 +85,8 @@ class Guard:
             self.solid = deform(self.solid, present)
         is_due = self._calls % self.refresh == 0
         self._calls += 1
+        if is_due and present.any() and not present.all():
+            self._cell = median_step_at_crossings(torch.from_numpy(field)) or np.inf
         if not is_due or (self.solid is not None and np.array_equal(self.solid, present)):
             return
         found = nearest_solid(field, self.betti, self.change)

@@ -23,23 +23,29 @@ class PartsGuard:
         self._whole = Guard(tuple(np.sum(parts, axis=0).tolist()), change, refresh)
         self._guards = [Guard(part, change, refresh) for part in parts]
         self._regions: NDArray[np.int64] | None = None
+        self.found: Decisive | None = None
 
     def decisive(self, field: Values, margin: float) -> Decisive | None:
         """See `Guard.decisive`."""
         if self._regions is None:
             self._regions = _regions(field > 0, len(self._guards))
         if self._regions is None:
-            return self._whole.decisive(field, margin)
+            self.found = self._whole.decisive(field, margin)
+        else:
+            self.found = self._by_region(self._regions, field, margin)
+        return self.found
+
+    def _by_region(self, regions: NDArray[np.int64], field: Values, margin: float) -> Decisive | None:
         wall = -np.abs(field[np.isfinite(field)]).max(initial=1.0)
-        voxels, sides = [], []
+        parts = []
         for number, guard in enumerate(self._guards):
-            mine = self._regions == number
+            mine = regions == number
             found = guard.decisive(np.where(mine, field, wall), margin)
             if found is None:
                 return None
             inside = torch.from_numpy(mine[tuple(found.voxels.T.numpy())])
-            voxels.append(found.voxels[inside])
-            sides.append(found.sides[inside])
+            parts.append((found.voxels[inside], found.sides[inside]))
+        voxels, sides = zip(*parts, strict=True)
         return Decisive(torch.cat(voxels), torch.cat(sides))
 
 

@@ -30,7 +30,7 @@ import topokit as tk
 from topokit.losses import TauSchedule
 
 TRUNCATION, NOISE = 0.2, 0.02
-SHARED = {"grid": {"steps": 200, "rate": 2e-3, "weight": 1e-3}, "neural": {"steps": 400, "rate": 1e-3, "weight": 1e-5}}
+SHARED = {"grid": {"steps": 200, "rate": 2e-3, "weight": 1e-2}, "neural": {"steps": 400, "rate": 1e-3, "weight": 1e-4}}
 
 Solid = Callable[[Tensor], Tensor]  # (..., 3) to (...), about the signed distance, negative inside
 

@@ -82,7 +82,7 @@ def main() -> None:
         if monitor(step, shape):
             break
         optimizer.zero_grad()
-        (data_term() + 0.3 * loss(shape, tau=0.05)).backward()
+        (data_term() + 3.0 * loss(shape, tau=0.05)).backward()
         optimizer.step()
 
     after, moved = reconstruction(points, normals), (points - measured).detach().norm(dim=1) / spacing

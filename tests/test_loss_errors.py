@@ -50,7 +50,7 @@ IMPOSSIBLE = (
         ({"genus": 0, "refresh": 0}, "refresh and look_every must be at least 1, got 0 and 1."),
         ({"genus": 0, "look_every": 0}, "refresh and look_every must be at least 1, got 20 and 0."),
         ({"genus": 0, "resolution": 8}, "resolution must be at least 16 grid points, not 8."),
-        ({"genus": 0, "guard_weight": -1}, "weights must be finite and not negative, got 1.0 and -1."),
+        ({"genus": 0, "euler_weight": -1}, "euler_weight must be finite and not negative, not -1."),
     ],
 )
 def test_wrong_options_are_named(options, message):

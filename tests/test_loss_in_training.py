@@ -83,12 +83,12 @@ def test_parts_are_first_counted_and_then_mended():
 
 
 def test_a_module_that_is_reset_starts_anew():
-    loss = tk.EulerLoss(genus=0, euler_weight=0.0)
+    loss = tk.EulerLoss(genus=0)
     first, second = torus(P, 0.5, 0.2), without(block(P, (0.8, 0.5, 0.2)), rod(P, 0.2, 1, center=(0.3, 0, 0)))
     loss(first, 0.02)
     stale = loss(second, 0.02)
     loss.reset()
-    assert loss(second, 0.02) == tk.euler_loss(second, genus=0, tau=0.02, euler_weight=0.0) != stale
+    assert loss(second, 0.02) == tk.euler_loss(second, genus=0, tau=0.02) != stale
 
 
 def test_out_of_reach_is_said_and_can_be_called_backward_on():
@@ -105,7 +105,8 @@ def test_out_of_reach_is_said_and_can_be_called_backward_on():
     assert loss == 0
     assert field.grad.count_nonzero() == 0
     with pytest.warns(UserWarning, match=r"change='any'"):
-        assert tk.euler_loss(field, genus=5, tau=0.05) == tk.euler_loss(field, -8.0, 0.05, components=None)
+        alone = tk.euler_loss(field, -8.0, 0.05, components=None)
+        assert tk.euler_loss(field, genus=5, tau=0.05, euler_weight=2.0) == 2 * alone
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         tk.euler_loss(field, genus=0, tau=0.05)
@@ -180,7 +181,7 @@ def test_a_network_right_already_is_not_called_with_nothing():
 def test_voxels_keep_their_level_and_connectivity(connectivity):
     grey = (100 + 50 * LINKS).requires_grad_()
     shape = tk.from_voxels(grey, level=100.0, connectivity=connectivity)
-    for options in ({"genus": 2}, {"target": -2.0, "components": None}):
+    for options in ({"genus": 2, "euler_weight": 1.0}, {"target": -2.0, "components": None}):
         loss = tk.euler_loss(shape, tau=1.0, **options)
         plain = tk.euler_loss(grey, tau=1.0, level=100.0, connectivity=connectivity, **options)
         torch.testing.assert_close(loss, plain)

@@ -38,9 +38,9 @@ def slope(field: Tensor, *arguments: float, **options: object) -> tuple[Tensor, 
 def test_the_loss_is_the_squared_difference():
     chi = smoothed_euler(TORUS, 0.05)
     assert tk.euler_loss(TORUS, 2.0, 0.05, **ALONE) == (chi - 2).square()
-    assert tk.euler_loss(TORUS + 0.3, 2.0, 0.05, level=0.3, euler_weight=3.0, **ALONE) == pytest.approx(
-        3 * float(chi - 2) ** 2
-    )
+    assert tk.euler_loss(TORUS + 0.3, 2.0, 0.05, level=0.3, **ALONE) == pytest.approx(float(chi - 2) ** 2)
+    guarded, both = (tk.euler_loss(TORUS, 2.0, 0.05, euler_weight=weight) for weight in (0.0, 3.0))
+    assert both - guarded == pytest.approx(3 * float(chi - 2) ** 2)
     assert tk.euler_loss(TORUS, 2.0, 0.05, connectivity=26, **ALONE) == (smoothed_euler(TORUS, 0.05, 0, 26) - 2) ** 2
 
 
@@ -65,8 +65,8 @@ def test_a_torus_and_a_blob_are_no_ball():
     assert loss < 1e-6
     assert gradient.abs().max() < 1e-4
     loss, gradient = slope(TORUS_AND_BLOB, 2.0, 0.01)
-    assert loss > 10
-    obeyed = torch.where(gradient.abs() > 0.1, -gradient.sign(), TORUS_AND_BLOB)
+    assert loss > 1
+    obeyed = torch.where(gradient.abs() > 0.01, -gradient.sign(), TORUS_AND_BLOB)
     assert betti_numbers(TORUS_AND_BLOB).tolist() == [2, 1, 0]
     assert betti_numbers(obeyed).tolist() == [1, 0, 0]
     assert (obeyed[-4:, -4:, -4:] < 0).all()
@@ -102,7 +102,7 @@ def test_gradcheck_with_the_guard(options, generator):
     field = torch.maximum(torus(p, 0.55, 0.3), ball(p, 0.4, (0.9, 0.9, 0.9)) - 0.1)
     field = (field + 0.03 * torch.randn(8, 8, 8, generator=generator, dtype=DOUBLE)).requires_grad_()
     loss, gradient = slope(field, tau=0.3, **options)
-    assert loss > 0.1
+    assert loss > 0.01
     assert gradient.count_nonzero() > 10
     assert torch.autograd.gradcheck(lambda x: tk.euler_loss(x, tau=0.3, **options), field, fast_mode=True)
 
@@ -138,7 +138,7 @@ def test_huge_and_tiny_values():
 def test_nan_gives_nan_but_is_background_to_the_guard():
     broken = TORUS.clone()
     broken[1, 1, 1] = math.nan
-    for options in (ALONE, {}):
+    for options in (ALONE, {"euler_weight": 1.0}):
         for tau in (0.1, None):
             assert tk.euler_loss(broken, 2.0, tau, **options).isnan()
     loss, gradient = slope(broken, 2.0, 0.1, change="add")

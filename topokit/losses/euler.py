@@ -26,13 +26,15 @@ _FINEST = 1e-30  # of τ: slopes go with 1 / τ, and single precision has to hol
 
 
 class EulerLoss(nn.Module):
-    """(χ_τ − target)², and a guard for the Betti numbers that makes the topology change.
+    """Asks a field for a topology: by a guard that makes it change, or by (χ_τ − target)² alone.
 
     With `components` (1 by default) the loss asks for all three Betti numbers of the solid, so that χ = 2 is not met by
-    a torus and a stray blob. Its guard finds the nearest solid of that topology and pushes the voxels that decide it
-    (`topokit.losses.guard`): that is what opens, closes, joins, splits and removes. With `components=None` only χ_τ is
-    left: smooth and cheap, `torch.compile(fullgraph=True)`, but every critical point within about τ of the level is
-    pushed, noise and all. docs/topology-loss.md tells when which works.
+    a torus and a stray blob. It is then a guard (`topokit.losses.guard`): the nearest solid of that topology tells
+    which voxels decide, and these are pushed. That is what opens, closes, joins, splits and removes.
+
+    With `components=None` it is (χ_τ − target)²: smooth and cheap, `torch.compile(fullgraph=True)`, but every critical
+    point within about τ of the level is pushed, noise and all, which is why χ_τ is no part of the guarded loss unless
+    `euler_weight` says so. docs/topology-loss.md tells when which works.
 
     The module remembers the nearest solid of each batch item from call to call (not in its `state_dict`): use one
     module for each thing that is trained, and `reset()` it before another.
@@ -43,13 +45,11 @@ class EulerLoss(nn.Module):
         genus: instead of the target, the number of handles; or a sequence likewise.
         components: of the solid; None asks for χ alone.
         cavities: of the solid.
-        change: "any", or whether material may only be added ("add") or only removed ("remove"). χ_τ knows no such
-            distinction, so then the guard alone is used.
+        change: "any", or whether material may only be added ("add") or only removed ("remove").
         level: of a plain field; {field > level} is the solid.
         connectivity: 6 or 26, of χ_τ of a plain field. The guard asks for the topology in both, so that any mesher
             agrees, unless voxels meet through an edge or a corner alone, as in noise.
-        euler_weight: of (χ_τ − target)².
-        guard_weight: of the guard's hinge.
+        euler_weight: of (χ_τ − target)² beside the guard. χ_τ does not know what `change` allows.
         refresh: looks between searches for a nearer solid; in between the known one follows the field.
         look_every: calls between looks at the whole field; in between the voxels last found are pushed. For networks,
             where evaluating the grid is most of a call.
@@ -78,8 +78,7 @@ class EulerLoss(nn.Module):
         change: Change = "any",
         level: float = 0.0,
         connectivity: int = 6,
-        euler_weight: float = 1.0,
-        guard_weight: float = 10.0,
+        euler_weight: float = 0.0,
         refresh: int = 20,
         look_every: int = 1,
         resolution: int = 64,
@@ -94,14 +93,13 @@ class EulerLoss(nn.Module):
                 raise InputError(f"{name} must be one of {known}, not {value!r}.")
         if refresh < 1 or look_every < 1:
             raise InputError(f"refresh and look_every must be at least 1, got {refresh} and {look_every}.")
-        if not (0 <= euler_weight < math.inf and 0 <= guard_weight < math.inf):
-            raise InputError(f"weights must be finite and not negative, got {euler_weight} and {guard_weight}.")
+        if not 0 <= euler_weight < math.inf:
+            raise InputError(f"euler_weight must be finite and not negative, not {euler_weight}.")
         self.goal = goal_of(target, genus, components, cavities)
         if self.goal.betti is None and change != "any":
             raise InputError(f"change={change!r} needs components: χ alone knows no such distinction.")
         self.change: Change = change
         self.euler_weight = euler_weight
-        self.guard_weight = guard_weight
         self.refresh = refresh
         self.look_every = look_every
         self.reduction = reduction
@@ -139,7 +137,7 @@ class EulerLoss(nn.Module):
             raise InputError(f"tau must be a positive number, not {tau!r}.")
         if self.goal.betti is None and isinstance(source, Tensor) and tau is not None:
             chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
-            return self._reduced(self.euler_weight * (chi - self.goal.euler).square())
+            return self._reduced((chi - self.goal.euler).square())
         fields = self._source(source)
         is_look = self._look(fields)
         guards: Sequence[Guard | PartsGuard | None] = self._guards or [None] * len(fields)
@@ -172,12 +170,12 @@ class EulerLoss(nn.Module):
     ) -> Tensor:
         """The loss of one field, of which was seen what its values are without a graph."""
         tau = max(0.5 * median_step_at_crossings(seen), _FINEST) if tau is None else tau
-        parts = []
-        if guard is None or (self.change == "any" and self.euler_weight):
-            parts.append(self.euler_weight * (field.smoothed_euler(tau, seen) - self.goal.euler).square())
-        if guard is not None:
-            parts.append(self.guard_weight * self._guarded(field, seen, guard, tau, is_look))
-        return torch.stack(parts).sum()
+        if guard is None:
+            return (field.smoothed_euler(tau, seen) - self.goal.euler).square()
+        guarded = self._guarded(field, seen, guard, tau, is_look)
+        if not self.euler_weight:
+            return guarded
+        return guarded + self.euler_weight * (field.smoothed_euler(tau, seen) - self.goal.euler).square()
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def _guarded(self, field: Field, seen: Tensor, guard: Guard | PartsGuard, tau: float, is_look: bool) -> Tensor:

@@ -128,7 +128,7 @@ def test_loss_and_gradient_are_finite_at_degenerate_fields(options, dtype, gener
 
 @SILENT
 def test_huge_and_tiny_values():
-    for scale in (1e-40, 1e-30, 1e30):
+    for scale in (1e-40, 1e-30, 1e30, 1e200):
         for options in (ALONE, {}):
             loss, gradient = slope(scale * TORUS, 2.0, **options)
             assert loss.isfinite()
@@ -224,6 +224,17 @@ def test_cuda_agrees():
 
 
 # the module's memory
+
+
+def test_between_looks_the_known_voxels_are_pushed_and_other_grids_are_looked_at_anew():
+    loss = tk.EulerLoss(genus=0, look_every=3, change="add")
+    losses = [loss(field, 0.02) for field in (TORUS, TORUS - 0.05, BALL, BALL)]
+    assert losses[1] > losses[0]  # the membrane is farther away
+    assert losses[1] != tk.euler_loss(TORUS - 0.05, genus=0, tau=0.02, change="add")
+    assert losses[3] == tk.euler_loss(BALL, genus=0, tau=0.02, change="add")
+    p = grid(16)
+    for other in (torus(p, 0.5, 0.25), TORUS.expand(2, -1, -1, -1), TORUS):
+        assert loss(other, 0.02) == tk.euler_loss(other, genus=0, tau=0.02, change="add")
 
 
 def test_the_module_mirrors_the_function_and_remembers_per_item():

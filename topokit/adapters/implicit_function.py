@@ -154,9 +154,8 @@ class FunctionField(Field):
         sides = [b - a for a, b in zip(low, high, strict=True)]
         cells = [max(8, round(n_cells * side / max(sides))) for side in sides]
         spacing = (sides[0] / cells[0], sides[1] / cells[1], sides[2] / cells[2])
-        super().__init__(low, spacing, connectivity)
+        super().__init__(low, spacing, tuple(count + 1 for count in cells), connectivity)
         self.function = function
-        self.shape = tuple(count + 1 for count in cells)
 
     def positions(self) -> Tensor:
         """Grid points (X · Y · Z, 3), float64."""

@@ -111,7 +111,7 @@ class VoxelField(Field):
         connectivity: int,
         origin: Position = (0.0, 0.0, 0.0),
     ) -> None:
-        super().__init__(origin, spacing, connectivity)
+        super().__init__(origin, spacing, tuple(volume.shape), connectivity)
         self.volume, self.level, self.label = volume, level, label
         self.is_binary = label is not None or volume.dtype == torch.bool
 

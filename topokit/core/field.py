@@ -20,16 +20,22 @@ class Field(ABC):
     Attributes:
         origin: position of the first grid point, (x, y, z), in units of length.
         spacing: step along each axis, in units of length.
+        shape: grid points along each axis.
         connectivity: 6 or 26, that of the solid; the background has the other one.
     """
 
     def __init__(
-        self, origin: tuple[float, float, float], spacing: tuple[float, float, float], connectivity: int
+        self,
+        origin: tuple[float, float, float],
+        spacing: tuple[float, float, float],
+        shape: tuple[int, ...],
+        connectivity: int,
     ) -> None:
         if connectivity not in (6, 26):
             raise InputError(f"connectivity must be 6 or 26, got {connectivity!r}.")
         self.origin = origin
         self.spacing = spacing
+        self.shape = shape
         self.connectivity = connectivity
 
     @abstractmethod
@@ -100,7 +106,7 @@ class GridField(Field):
         spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
         connectivity: int = 6,
     ) -> None:
-        super().__init__(origin, spacing, connectivity)
+        super().__init__(origin, spacing, tuple(values.shape), connectivity)
         self._values = values
 
     def values(self) -> Tensor:
@@ -141,7 +147,7 @@ def median_step_at_crossings(values: Tensor) -> float:
         n = values.shape[axis]
         lower, upper = values.narrow(axis, 0, n - 1), values.narrow(axis, 1, n - 1)
         crossing = (lower > 0) != (upper > 0)
-        steps.append((upper[crossing].float() - lower[crossing].float()).abs())
+        steps.append((at_least_single(upper[crossing]) - at_least_single(lower[crossing])).abs())
     found = torch.cat(steps)
     found = found[found.isfinite()]
     if len(found) == 0:

@@ -154,12 +154,12 @@ class EulerLoss(nn.Module):
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def _look(self, fields: list[Field]) -> bool:
         """Evaluate the fields without a graph, if it is time; new guards where the grids are others than last time."""
-        is_look = self._calls % self.look_every == 0 or len(fields) != len(self._seen)
+        grids = [(field.origin, field.spacing, field.shape) for field in fields]
+        is_look = self._calls % self.look_every == 0 or grids != self._grids
         self._calls += 1
         if not is_look:
             return False
         self._seen = [field.detached() for field in fields]
-        grids = [(field.origin, field.spacing, seen.shape) for field, seen in zip(fields, self._seen, strict=True)]
         if grids != self._grids and self.goal.betti is not None:
             self._guards = [self._new_guard() for _ in fields]
         self._grids = grids

@@ -107,8 +107,12 @@ def _cheapest(field: Values, labels: NDArray[np.int32], among: Sequence[int], nu
     """Voxels of the labels whose values have the least sum of squares."""
     if number <= 0:
         return np.zeros(field.shape, dtype=bool)
-    costs = np.bincount(labels.ravel(), weights=np.square(field, dtype=np.float64).ravel())
-    return np.isin(labels, sorted(among, key=lambda one: costs[one])[:number])
+    costs = np.zeros(labels.max() + 1)
+    for mine, values in zip(labels, field, strict=True):  # layer by layer: the sums need wide numbers
+        costs += np.bincount(mine.ravel(), weights=np.square(values, dtype=np.float64).ravel(), minlength=len(costs))
+    chosen = np.zeros(len(costs), dtype=bool)
+    chosen[sorted(among, key=lambda one: costs[one])[:number]] = True
+    return chosen[labels]
 
 
 def cost(field: Values, solid: Bools) -> float:
@@ -148,9 +152,10 @@ def _tilted(field: Values) -> Values:
     depth = _depth(field)
     if depth == np.inf:
         return field
-    x, y, z = np.ogrid[tuple(slice(n) for n in field.shape)]
-    slope = (x + 0.755 * y + 0.57 * z) / sum(field.shape)  # no two of these steps have a simple ratio
-    return field + (_TILT * depth * slope).astype(field.dtype)
+    tilted = field.copy()
+    for along, rise in zip(np.ogrid[tuple(map(slice, field.shape))], (1, 0.755, 0.57), strict=True):  # no simple ratios
+        tilted += (_TILT * depth * rise / sum(field.shape) * along).astype(field.dtype)
+    return tilted
 
 
 def _missing(solid: Bools, betti: Betti, connectivity: int | None) -> int:

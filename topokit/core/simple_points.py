@@ -11,7 +11,7 @@ Reference:
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import compress, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from topokit.errors import InputError
 
 Codes = NDArray[np.int32]
 Bools = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+Indices = NDArray[np.signedinteger]
 Counts = NDArray[np.int8]
 
 OFFSETS: Indices = np.array(list(product((-1, 0, 1), repeat=3)))
@@ -54,7 +54,7 @@ class PaddedSolid:
         self._shape = padded.shape
         self.inside = padded.ravel().view(np.uint8)
         strides = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
-        self._around = (OFFSETS @ strides).astype(np.int64)
+        self._around: list[int] = (OFFSETS @ strides).tolist()
 
     def solid(self) -> Bools:
         """The solid (X, Y, Z), a copy."""
@@ -62,17 +62,14 @@ class PaddedSolid:
 
     def indices(self, where: Bools) -> Indices:
         """Flat indices into `inside` of the voxels (X, Y, Z) that are True."""
-        return np.flatnonzero(np.pad(where, 1))
+        found = np.flatnonzero(np.pad(where, 1))
+        return found if self.inside.size > np.iinfo(np.int32).max else found.astype(np.int32)
 
-    def values(self, volume: NDArray[np.floating], at: Indices) -> NDArray[np.floating]:
-        """Values of a volume (X, Y, Z) at flat indices."""
-        x, y, z = np.unravel_index(at, self._shape)
-        return volume[x - 1, y - 1, z - 1]
-
-    def parity(self, at: Indices) -> NDArray[np.int64]:
+    def parity(self, at: Indices) -> Counts:
         """0..7: voxels of the same parity are not among each other's 26 neighbours."""
-        x, y, z = np.unravel_index(at, self._shape)
-        return 4 * (x & 1) + 2 * (y & 1) + (z & 1)
+        _, n_y, n_z = self._shape
+        x, y, z = ((number & 1).astype(np.int8) for number in (at // (n_y * n_z), at // n_z % n_y, at % n_z))
+        return 4 * x + 2 * y + z
 
     def on_surface(self, at: Indices, through_faces: bool) -> Bools:
         """Whether a neighbour is of the other kind.
@@ -80,8 +77,11 @@ class PaddedSolid:
         A simple voxel always has such a neighbour: one across a face if it is simple in both connectivities, else one
         of the 26.
         """
-        around = self._around[_STEPS == 1] if through_faces else self._around
-        return (self.inside[at[:, None] + around] != self.inside[at][:, None]).any(1)
+        own = self.inside[at]
+        differs = np.zeros(len(at), dtype=bool)
+        for step in compress(self._around, _STEPS == 1) if through_faces else self._around:
+            differs |= self.inside[at + step] != own
+        return differs
 
     def codes(self, at: Indices) -> Codes:
         """The neighbourhoods of flat indices (N,), as integers of 27 bits."""

@@ -94,6 +94,18 @@ def test_a_folder_that_is_not_there_is_explained(files: Path, tmp_path: Path) ->
     assert "does not exist; make it first" in found.stderr
 
 
+def test_curvature_does_not_write_over_what_it_reads_nor_ply_under_another_name(files: Path, tmp_path: Path) -> None:
+    cloud = tmp_path / "own.ply"
+    assert run("curvature", files / "cloud.xyz", "-o", cloud).returncode == 0
+    content = cloud.read_bytes()
+    found = run("curvature", cloud, "-o", cloud)
+    assert (found.returncode, cloud.read_bytes()) == (1, content)
+    assert "is the file to read; name another one to write" in found.stderr
+    found = run("curvature", cloud, "-o", tmp_path / "out.obj")
+    assert found.returncode == 1
+    assert "does not end with .ply" in found.stderr
+
+
 @pytest.mark.parametrize(
     "arguments", [("report",), ("report", "--no-such-option", "x"), ("fly",), ("report", "-k", "2", "x")]
 )

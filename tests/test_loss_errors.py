@@ -30,7 +30,16 @@ IMPOSSIBLE = (
         ({"target": 1.0, "components": 1.5}, IMPOSSIBLE.format(1.5, 0, 1)),
         ({"target": 2.0, "cavities": -1}, IMPOSSIBLE.format(1, -1, 2)),
         ({"genus": (1, 0.5)}, IMPOSSIBLE.format(1, 0, 1)),
-        ({"genus": (1, 0), "cavities": 1}, "one genus per component goes with cavities=0."),
+        (
+            {"genus": (1, 0), "cavities": 1},
+            "one genus per component goes with cavities=0, and says itself that there are 2 components; got components=1 "
+            "and cavities=1.",
+        ),
+        (
+            {"target": (0, 2), "components": 3},
+            "one target per component goes with cavities=0, and says itself that there are 2 components; got components=3 "
+            "and cavities=0.",
+        ),
         ({"target": ()}, "target must be a finite number, or a list of one for each component, not ()."),
         ({"target": "2"}, "target must be a finite number, or a list of one for each component, not '2'."),
         ({"genus": math.nan}, "genus must be a finite number, or a list of one for each component, not nan."),
@@ -78,5 +87,7 @@ def test_wrong_sources_are_named():
     with pytest.raises(InputError) as caught:
         tk.euler_loss([[[1.0]]], 2.0, 0.1)
     assert str(caught.value) == "the loss got list; expected a field (..., X, Y, Z), positive inside, or a Shape."
-    with pytest.raises(InputError, match="neither a field nor one cloud with oriented normals: pass normals to from_"):
+    with pytest.raises(InputError, match=r"neither a field nor one cloud with oriented normals: use shape\.oriented\("):
         tk.euler_loss(tk.from_points(torus_samples(300).points), 2.0, 0.1)
+    with pytest.raises(InputError, match=r"level=0\.1 is that of a plain field; .* has its own: give it to from_sdf"):
+        tk.euler_loss(tk.from_points(torus_samples(300).points), 2.0, 0.1, level=0.1)

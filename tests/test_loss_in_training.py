@@ -82,6 +82,21 @@ def test_parts_are_first_counted_and_then_mended():
     assert [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)] == [0, 1]
 
 
+def test_parts_that_meet_are_told_apart_again():
+    apart = union(ball(P, 0.35, (-0.5, 0, 0)), ball(P, 0.35, (0.5, 0, 0)))
+    joined = union(apart, rod(P, 0.15, 0.6, axis=0))
+    loss = tk.EulerLoss(genus=(0, 0))
+    assert loss(apart, 0.02) == 0
+    assert loss(joined, 0.02) > 0.5
+    field = apart.clone().requires_grad_()
+    optimizer = torch.optim.Adam([field], 5e-3)
+    for _ in range(100):
+        optimizer.zero_grad()
+        ((field - joined).square().mean() + 1e-2 * loss(field)).backward()
+        optimizer.step()
+    assert meshed_topology(field) == (2, 4)
+
+
 def test_a_module_that_is_reset_starts_anew():
     loss = tk.EulerLoss(genus=0)
     first, second = torus(P, 0.5, 0.2), without(block(P, (0.8, 0.5, 0.2)), rod(P, 0.2, 1, center=(0.3, 0, 0)))

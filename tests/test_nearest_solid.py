@@ -157,6 +157,16 @@ def test_what_is_thicker_than_the_body_is_dropped_or_filled():
     assert nearest_solid(hollow, (1, 0, 0), "remove").sum() < (hollow > 0).sum()
 
 
+@pytest.mark.parametrize("betti", [(2, 0, 0), (2, 1, 0)])
+def test_a_background_that_lies_on_the_level_is_background(betti):
+    p = grid(28)
+    two = union(torus(p, 0.28, 0.18, (-0.5, 0, 0)), torus(p, 0.28, 0.18, (0.5, 0, 0)))
+    for field in (two.clamp_min(0), (two > 0).double()):
+        found = nearest_solid(field.numpy(), betti, "add")
+        assert betti_numbers(found).tolist() == list(betti)
+        assert (found | (two.numpy() > 0) == found).all()
+
+
 def test_out_of_reach_is_none():
     assert nearest_solid(ball(P, 0.6).numpy(), (1, 5, 0)) is None
     assert nearest_solid(ball(P, 0.6).numpy(), (2, 0, 0), "add") is None

@@ -273,6 +273,11 @@ def test_plug_ins_whose_names_clash_are_left_out(plugin: Any, blob: Path) -> Non
         ),
         (MODULE + "\n    priority = '1'", "its priority is '1'; expected an integer."),
         (MODULE.replace("def open", "def opens"), "it has neither a method open() nor an opener."),
+        (
+            MODULE + "\n    opener = 5",
+            "its opener is 5; expected a function, or its name as 'package.module:function'.",
+        ),
+        (MODULE + "\n    can_open = 3", "its can_open is 3; expected a function of the path."),
     ],
 )
 def test_a_broken_plug_in_is_one_warning_and_the_others_work(plugin: Any, blob: Path, code: str, problem: str) -> None:
@@ -289,7 +294,7 @@ def test_a_broken_plug_in_is_one_warning_and_the_others_work(plugin: Any, blob: 
 
 def test_an_entry_point_that_names_nothing(plugin: Any, blob: Path) -> None:
     plugin("nameless", MODULE, name="blobs", target="nameless")
-    problem = "nameless could not be imported (AttributeError: module 'nameless' has no attribute '')."
+    problem = "it is given as 'nameless'; expected 'package.module:Class'."
     assert tk.list_adapters()[-1].problem == problem
     plugin("wordy", MODULE, name="words", target="no such: reference!")
     registry._TABLE._knows_plugins = False

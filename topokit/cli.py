@@ -114,6 +114,8 @@ def curvature(
     def answer(path: Path) -> str:
         from topokit.view import write_curvature_ply
 
+        if output.exists() and output.samefile(path):
+            raise InputError(f"{output} is the file to read; name another one to write.")
         n_written = write_curvature_ply(output, _open(path, neighbors, samples, seed), color_by)
         return f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
 

@@ -62,26 +62,30 @@ _READER_ERRORS: tuple[type[Exception], ...] = (
 
 
 @contextmanager
-def reading(path: object, reader: str, *own_errors: type[Exception]) -> Iterator[None]:
+def reading(path: object, reader: str, *own_errors: type[Exception], extra: str | None = None) -> Iterator[None]:
     """Turn whatever a third-party reader raises on a broken file into a `ReadError` that names file and reader.
 
     Args:
         path: the file, for the message.
         reader: who reads it, for the message.
         own_errors: exception classes of the reader's own.
+        extra: what to install if the reader lacks a package. Without it its ImportError passes, and `load` names the
+            adapter's own `extra`.
 
     Raises:
         ReadError: instead of the reader's own exception, which stays attached as the cause.
-        MissingDependencyError: if the reader lacks a package of its own.
+        MissingDependencyError: if the reader lacks a package of its own, and `extra` is given.
     """
     try:
         yield
     except TopokitError:
         raise
     except ImportError as error:
+        if extra is None:
+            raise
         raise MissingDependencyError(
             f"Reading {path} with {reader} needs a package that is not installed ({error}). "
-            'Install the readers: pip install "topokit[formats]".'
+            f'Install the readers: pip install "{extra}".'
         ) from error
     except (*_READER_ERRORS, *own_errors) as error:
         raise ReadError(

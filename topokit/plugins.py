@@ -58,6 +58,8 @@ def imported(target: str) -> object:
     Raises:
         AdapterError: if it cannot be imported.
     """
+    if not _is_target(target):
+        raise AdapterError(f"it is given as {target!r}; expected 'package.module:Class'.")
     module, _, attribute = target.partition(":")
     with foreign_code(f"{target} could not be imported"):
         return reduce(getattr, attribute.split("."), importlib.import_module(module))
@@ -164,6 +166,15 @@ def _faults(adapter: Adapter, name: str) -> Iterator[str]:
         yield f"its priority is {adapter.priority!r}; expected an integer."
     if adapter.opener is None and type(adapter).open is Adapter.open:
         yield "it has neither a method open() nor an opener."
+    if not (adapter.opener is None or callable(adapter.opener) or _is_target(adapter.opener)):
+        yield f"its opener is {adapter.opener!r}; expected a function, or its name as 'package.module:function'."
+    if not callable(adapter.can_open):
+        yield f"its can_open is {adapter.can_open!r}; expected a function of the path."
+
+
+def _is_target(name: object) -> bool:
+    module, colon, attribute = name.partition(":") if isinstance(name, str) else ("", "", "")
+    return bool(module and colon and attribute)
 
 
 def _are_strings(values: object) -> bool:

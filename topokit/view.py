@@ -23,12 +23,14 @@ def write_curvature_ply(path: str | os.PathLike[str], shape: Shape, color_by: Qu
         Number of points written.
 
     Raises:
-        InputError: if `color_by` is not one of the three, the folder to write to does not exist, or the samples are
-            batched.
+        InputError: if `color_by` is not one of the three, the file is not called .ply, the folder to write to does not
+            exist, or the samples are batched.
     """
     from plyfile import PlyData, PlyElement
 
     target = os.fspath(path)
+    if not target.lower().endswith(".ply"):
+        raise InputError(f"{target} does not end with .ply, and PLY is what is written; name it so.")
     if not os.path.isdir(os.path.dirname(target) or "."):
         raise InputError(f"the folder of {target} does not exist; make it first.")
     drawing = draw(shape, color_by)

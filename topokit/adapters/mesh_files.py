@@ -35,7 +35,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     level = quiet.level
     quiet.setLevel(logging.CRITICAL)  # a missing texture is no business of topology
     try:
-        with reading(path, "trimesh"):
+        with reading(path, "trimesh", extra="topokit[formats]"):
             kind = _file_type(path, beginning)
             content = path if kind != "obj" else _bare_obj(path)
             mesh = trimesh.load_scene(content, file_type=kind, process=False).to_mesh()

@@ -30,7 +30,7 @@ def read_points(path: Path) -> Cloud:
         MissingDependencyError: if the format's reader is not installed.
     """
     reader = _reader(path)
-    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader"):
+    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader", extra="topokit[formats]"):
         points, normals = reader(path)
     if len(points) == 0:
         raise ReadError(f"{path} holds no points.")
@@ -125,7 +125,7 @@ def _read_las(path: Path) -> Cloud:
         import laspy
     except ImportError as error:
         raise MissingDependencyError('Reading .las needs laspy: pip install "topokit[formats]".') from error
-    with reading(path, "laspy", laspy.errors.LaspyException):
+    with reading(path, "laspy", laspy.errors.LaspyException, extra="topokit[formats]"):
         file = laspy.read(path)
     return np.stack((file.x, file.y, file.z), axis=1).astype(np.float64), None
 

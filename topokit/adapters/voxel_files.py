@@ -27,7 +27,7 @@ def read_volume(path: Path) -> Volume:
         MissingDependencyError: if the format's reader is not installed.
     """
     reader = _reader(path)
-    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader"):
+    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader", extra="topokit[volumes]"):
         array, spacing = reader(path)
     if array.ndim != 3:
         raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected.")

@@ -57,6 +57,8 @@ def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectiv
     """
     solid = field > 0
     missing = _missing(solid, betti, connectivity)
+    if missing and (field == 0).any():  # background as flat as that of a clamped field has no sign to change
+        field = np.where(field == 0, -min(_depth(field), 1.0), field).astype(field.dtype)
     for _ in range(_STAGES):
         if missing == 0:
             return solid

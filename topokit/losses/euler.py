@@ -32,7 +32,7 @@ class EulerLoss(nn.Module):
     a torus and a stray blob. It is then a guard (`topokit.losses.guard`): the nearest solid of that topology tells
     which voxels decide, and these are pushed. That is what opens, closes, joins, splits and removes.
 
-    With `components=None` it is (χ_τ − target)²: smooth and cheap, `torch.compile(fullgraph=True)`, but every critical
+    With `components=None` it is (χ_τ − target)²: smooth, cheap, and compiled whole where τ is given, but every critical
     point within about τ of the level is pushed, noise and all, which is why χ_τ is no part of the guarded loss unless
     `euler_weight` says so. docs/topology-loss.md tells when which works.
 
@@ -43,7 +43,7 @@ class EulerLoss(nn.Module):
         target: Euler characteristic of the surface; or a sequence, one for each component of the solid, the largest
             first.
         genus: instead of the target, the number of handles; or a sequence likewise.
-        components: of the solid; None asks for χ alone.
+        components: of the solid; None asks for χ alone. A sequence of targets or genera counts them itself.
         cavities: of the solid.
         change: "any", or whether material may only be added ("add") or only removed ("remove").
         level: of a plain field; {field > level} is the solid.
@@ -104,6 +104,7 @@ class EulerLoss(nn.Module):
         self.look_every = look_every
         self.reduction = reduction
         self._source = FieldSource(level, connectivity, resolution)
+        self._stacklevel = 4  # of whoever calls the module
         self.reset()
 
     def reset(self) -> None:
@@ -121,8 +122,8 @@ class EulerLoss(nn.Module):
                 (from_sdf, from_occupancy, from_voxels: of functions, only the voxels that matter are evaluated with a
                 graph), or with oriented samples (points, splats), whose winding field is used.
             tau: how far about the level the loss looks, in units of the field: the scale of χ_τ, and the margin by
-                which the guard wants voxels on their side (at most the field's typical change over a cell). Half that
-                change if None.
+                which the guard wants voxels on their side (those farther than the field's typical change over a cell
+                are let be). Half that change if None.
 
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Differentiable at a fixed choice of
@@ -133,7 +134,9 @@ class EulerLoss(nn.Module):
         Raises:
             InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
         """
-        if tau is not None and (isinstance(tau, Tensor) or not _FINEST <= tau < math.inf):
+        if tau is not None and (
+            not isinstance(tau, int | float) or isinstance(tau, bool) or not _FINEST <= tau < math.inf
+        ):
             raise InputError(f"tau must be a positive number, not {tau!r}.")
         if self.goal.betti is None and isinstance(source, Tensor) and tau is not None:
             chi = smoothed_euler(plain_field(source), tau, self._source.level, self._source.connectivity)
@@ -147,7 +150,7 @@ class EulerLoss(nn.Module):
                 f"no solid with the Betti numbers {self.goal.betti} is in reach (change={self.change!r}), so the guard "
                 "is silent. Is the grid too coarse, is there nothing yet that could become them, or do they need "
                 "another change?",
-                stacklevel=4,  # of whoever called the module
+                stacklevel=self._stacklevel,
             )
         return self._reduced(torch.stack(losses).reshape(source.shape[:-3] if isinstance(source, Tensor) else ()))
 
@@ -203,4 +206,6 @@ def euler_loss(source: Tensor | Shape, target: Target = None, tau: float | None 
         >>> tk.euler_loss(noise, target=2.0, tau=0.1, components=None, reduction="none").shape
         torch.Size([2])
     """
-    return EulerLoss(target, **options)(source, tau)
+    loss = EulerLoss(target, **options)
+    loss._stacklevel += 1
+    return loss(source, tau)

@@ -49,8 +49,11 @@ def goal_of(target: Target, genus: int | Sequence[int] | None, components: int |
     if not numbers or not all(isinstance(number, Real) and math.isfinite(number) for number in numbers):
         raise InputError(f"{name} must be a finite number, or a list of one for each component, not {wanted!r}.")
     if isinstance(wanted, Sequence):
-        if cavities:
-            raise InputError(f"one {name} per component goes with cavities=0.")
+        if cavities or components not in (1, len(wanted)):
+            raise InputError(
+                f"one {name} per component goes with cavities=0, and says itself that there are {len(wanted)} "
+                f"components; got components={components!r} and cavities={cavities!r}."
+            )
         parts = tuple(_betti(1, 0, _euler(number, target is None, 1, 0)) for number in wanted)
         betti = (len(parts), sum(part[1] for part in parts), 0)
         return Goal(2.0 * (betti[0] - betti[1]), betti, parts)

@@ -15,7 +15,8 @@ class PartsGuard:
     """First the whole solid is asked for its number of components and their sum; then each in its own region.
 
     A region is what lies nearer to its component than to any other. Components are told apart by size, the largest
-    first, when their number has become right; after that each keeps its place.
+    first, when their number has become right; then each keeps its place, and the borders between them are kept free.
+    Should parts meet all the same, it begins again.
     """
 
     def __init__(self, parts: tuple[Betti, ...], change: Change, refresh: int) -> None:
@@ -27,8 +28,11 @@ class PartsGuard:
 
     def decisive(self, field: Values, margin: float) -> Decisive | None:
         """See `Guard.decisive`."""
-        if self._regions is None:
-            self._regions = _regions(field > 0, len(self._guards))
+        labels, count = ndimage.label(field > 0)
+        if count != len(self._guards):
+            self._regions = None
+        elif self._regions is None:
+            self._regions = _regions(labels)
         if self._regions is None:
             self.found = self._whole.decisive(field, margin)
         else:
@@ -45,17 +49,24 @@ class PartsGuard:
                 return None
             inside = torch.from_numpy(mine[tuple(found.voxels.T.numpy())])
             parts.append((found.voxels[inside], found.sides[inside]))
+        at_border = torch.from_numpy(np.argwhere(_border(regions) & (field > -margin) & np.isfinite(field)))
+        parts.append((at_border, torch.full((len(at_border),), -1.0, dtype=torch.float64)))
         voxels, sides = zip(*parts, strict=True)
         return Decisive(torch.cat(voxels), torch.cat(sides))
 
 
-def _regions(solid: NDArray[np.bool_], count: int) -> NDArray[np.int64] | None:
-    """(X, Y, Z) number of the nearest component, 0 for the largest; None unless there are `count` components."""
-    labels, found = ndimage.label(solid)
-    if found != count:
-        return None
+def _regions(labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(X, Y, Z) number of the nearest component, 0 for the largest."""
     sizes = np.bincount(labels.ravel())[1:]
-    rank = np.empty(found + 1, dtype=np.int64)
-    rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(found)
+    rank = np.empty(len(sizes) + 1, dtype=np.int64)
+    rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
     nearest = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
     return rank[labels[tuple(nearest)]]
+
+
+def _border(regions: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Voxels with another region among their 26 neighbours."""
+    highest, lowest = (
+        extreme(regions, size=3, mode="nearest") for extreme in (ndimage.maximum_filter, ndimage.minimum_filter)
+    )
+    return highest != lowest

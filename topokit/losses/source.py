@@ -47,7 +47,7 @@ class FieldSource:
 
         Raises:
             InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or
-                with oriented samples.
+                with oriented samples; or if a shape is given and a level.
         """
         if isinstance(source, Tensor):
             items = plain_field(source).reshape(-1, *source.shape[-3:])
@@ -56,13 +56,18 @@ class FieldSource:
             raise InputError(
                 f"the loss got {type(source).__name__}; expected a field (..., X, Y, Z), positive inside, or a Shape."
             )
+        if self.level:
+            raise InputError(
+                f"level={self.level:g} is that of a plain field; {source.name} has its own: give it to from_sdf, "
+                "from_occupancy or from_voxels. Samples have none."
+            )
         return [source.field or self._of_samples(source)]
 
     def _of_samples(self, shape: Shape) -> Field:
         if not shape.samples.oriented or shape.samples.points.ndim != 2:
             raise InputError(
-                f"{shape.name} is neither a field nor one cloud with oriented normals: pass normals to from_points, "
-                "or use shape.oriented()."
+                f"{shape.name} is neither a field nor one cloud with oriented normals: use shape.oriented(), or pass "
+                "normals to from_points."
             )
         local = shape.curvature()
         points = shape.samples.points

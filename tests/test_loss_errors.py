@@ -32,13 +32,13 @@ IMPOSSIBLE = (
         ({"genus": (1, 0.5)}, IMPOSSIBLE.format(1, 0, 1)),
         (
             {"genus": (1, 0), "cavities": 1},
-            "one genus per component goes with cavities=0, and says itself that there are 2 components; got components=1 "
-            "and cavities=1.",
+            "one genus per component goes with cavities=0, and says itself that there are 2 components; got "
+            "components=1 and cavities=1.",
         ),
         (
             {"target": (0, 2), "components": 3},
-            "one target per component goes with cavities=0, and says itself that there are 2 components; got components=3 "
-            "and cavities=0.",
+            "one target per component goes with cavities=0, and says itself that there are 2 components; got "
+            "components=3 and cavities=0.",
         ),
         ({"target": ()}, "target must be a finite number, or a list of one for each component, not ()."),
         ({"target": "2"}, "target must be a finite number, or a list of one for each component, not '2'."),

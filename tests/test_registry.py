@@ -292,6 +292,13 @@ def test_a_broken_plug_in_is_one_warning_and_the_others_work(plugin: Any, blob: 
     assert message(AdapterError, blob, adapter="blobs") == f"adapter 'blobs' (broken:Blobs) is broken: {problem}"
 
 
+def test_two_lambdas_are_two() -> None:
+    tk.register_adapter("short", lambda path: tk.Shape(tk.SurfaceSamples(POINTS)), suffixes=(".one",))
+    with pytest.raises(InputError, match="adapter 'short' is registered already"):
+        tk.register_adapter("short", lambda path: tk.Shape(tk.SurfaceSamples(POINTS)), suffixes=(".two",))
+    assert tk.list_adapters()[-1].suffixes == (".one",)
+
+
 def test_an_entry_point_that_names_nothing(plugin: Any, blob: Path) -> None:
     plugin("nameless", MODULE, name="blobs", target="nameless")
     problem = "it is given as 'nameless'; expected 'package.module:Class'."

@@ -49,6 +49,8 @@ class AdapterTable:
     def add(self, name: str, target: object, overwrite: bool = False) -> None:
         """Enter an adapter: a subclass of `Adapter`, an instance, or "package.module:Class".
 
+        What is written in the same place may be entered again, as when a cell of a notebook is run twice.
+
         Raises:
             InputError: if the name is taken by something else and `overwrite` is False.
             AdapterError: if it is no adapter; of a string this is found out on the first look-up.
@@ -57,7 +59,8 @@ class AdapterTable:
         if not isinstance(target, str):
             entry.adapter = as_adapter(target, name)
         taken = self._entries.get(name)
-        if taken is not None and taken.origin != entry.origin and not overwrite:
+        is_again = taken is not None and taken.origin == entry.origin and "<lambda>" not in entry.origin
+        if taken is not None and not is_again and not overwrite:
             raise InputError(
                 f"adapter {name!r} is registered already, by {taken.origin}; {entry.origin} needs another name, or "
                 "overwrite=True to replace it."

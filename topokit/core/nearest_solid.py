@@ -74,7 +74,8 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
     """The solid without its slightest parts, and the best ones of each scale, by raising and by lowering the level."""
     present, tilted = field > 0, _tilted(field)
     pruned = _pruned(field, betti, change)
-    yield _Candidate(_missing(pruned, betti, connectivity), cost(field, pruned), pruned)
+    if not np.array_equal(pruned, present):
+        yield _Candidate(_missing(pruned, betti, connectivity), cost(field, pruned), pruned)
     for scale in _SCALES:
         smooth = gaussian_filter(tilted, scale, mode="nearest", truncate=3.0) if scale else tilted
         best: dict[bool, tuple[int, Bools]] = {}

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.field import GridField
 from topokit.core.grid_euler import at_least_single, critical_index, smoothed_euler
 from topokit.core.simple_points import OFFSETS, Codes, touching
 from topokit.errors import InputError
@@ -64,7 +63,7 @@ def critical_points(
     (slope,) = torch.autograd.grad(missed, leaf)
     index = critical_index(leaf, connectivity)
     voxels = index.nonzero()
-    values = GridField(leaf.detach() - level).values_at(voxels)
+    values = leaf.detach()[index != 0] - level
     order = values.abs().argsort(stable=True)
     voxels = voxels[order]
     x, y, z = voxels.unbind(1)

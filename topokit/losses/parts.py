@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -9,6 +11,13 @@ from scipy import ndimage
 
 from topokit.core.nearest_solid import Betti, Change, Values
 from topokit.losses.guard import Decisive, Guard
+
+
+class _Partition(NamedTuple):
+    """The grid shared out among components."""
+
+    regions: NDArray[np.int64]  # number of the nearest component, 0 for the largest
+    border: NDArray[np.bool_]  # voxels with another region among their 26 neighbours
 
 
 class PartsGuard:
@@ -23,50 +32,46 @@ class PartsGuard:
         """Args: parts: Betti numbers of each component, largest first; change, refresh: see `Guard`."""
         self._whole = Guard(tuple(np.sum(parts, axis=0).tolist()), change, refresh)
         self._guards = [Guard(part, change, refresh) for part in parts]
-        self._regions: NDArray[np.int64] | None = None
+        self._partition: _Partition | None = None
         self.found: Decisive | None = None
 
     def decisive(self, field: Values, margin: float) -> Decisive | None:
         """See `Guard.decisive`."""
         labels, count = ndimage.label(field > 0)
         if count != len(self._guards):
-            self._regions = None
-        elif self._regions is None:
-            self._regions = _regions(labels)
-        if self._regions is None:
+            self._partition = None
+        elif self._partition is None:
+            self._partition = _partition(labels)
+        if self._partition is None:
             self.found = self._whole.decisive(field, margin)
         else:
-            self.found = self._by_region(self._regions, field, margin)
+            self.found = self._by_region(self._partition, field, margin)
         return self.found
 
-    def _by_region(self, regions: NDArray[np.int64], field: Values, margin: float) -> Decisive | None:
+    def _by_region(self, partition: _Partition, field: Values, margin: float) -> Decisive | None:
         wall = -np.abs(field[np.isfinite(field)]).max(initial=1.0)
         parts = []
         for number, guard in enumerate(self._guards):
-            mine = regions == number
+            mine = partition.regions == number
             found = guard.decisive(np.where(mine, field, wall), margin)
             if found is None:
                 return None
             inside = torch.from_numpy(mine[tuple(found.voxels.T.numpy())])
             parts.append((found.voxels[inside], found.sides[inside]))
-        at_border = torch.from_numpy(np.argwhere(_border(regions) & (field > -margin) & np.isfinite(field)))
+        at_border = torch.from_numpy(np.argwhere(partition.border & (field > -margin) & np.isfinite(field)))
         parts.append((at_border, torch.full((len(at_border),), -1.0, dtype=torch.float64)))
         voxels, sides = zip(*parts, strict=True)
         return Decisive(torch.cat(voxels), torch.cat(sides))
 
 
-def _regions(labels: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(X, Y, Z) number of the nearest component, 0 for the largest."""
+def _partition(labels: NDArray[np.int32]) -> _Partition:
+    """Every voxel goes to the component that is nearest."""
     sizes = np.bincount(labels.ravel())[1:]
     rank = np.empty(len(sizes) + 1, dtype=np.int64)
     rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
     nearest = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
-    return rank[labels[tuple(nearest)]]
-
-
-def _border(regions: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Voxels with another region among their 26 neighbours."""
+    regions = rank[labels[tuple(nearest)]]
     highest, lowest = (
-        extreme(regions, size=3, mode="nearest") for extreme in (ndimage.maximum_filter, ndimage.minimum_filter)
+        around(regions, size=3, mode="nearest") for around in (ndimage.maximum_filter, ndimage.minimum_filter)
     )
-    return highest != lowest
+    return _Partition(regions, highest != lowest)

@@ -15,7 +15,7 @@ from topokit.adapters.voxel_samples import volume_samples
 from topokit.arrays import as_tensor
 from topokit.core.curvature import DEFAULT_NEIGHBORS
 from topokit.core.field import Field
-from topokit.core.grid_euler import solid_euler
+from topokit.core.grid_euler import comparable, solid_euler
 from topokit.core.grid_surfaces import grid_surfaces
 from topokit.errors import InputError
 from topokit.files import existing_file
@@ -145,9 +145,7 @@ def _tensor(volume: object) -> Tensor:
         raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(values.shape)}.")
     if values.dtype == torch.uint64:
         raise InputError(f"the volume is {values.dtype}, which cannot be ordered: convert it to int64 or float64.")
-    if values.dtype in (torch.uint16, torch.uint32):
-        return values.to(torch.int32 if values.dtype == torch.uint16 else torch.int64)
-    return values
+    return comparable(values)
 
 
 def _spacing(spacing: float | Spacing | None) -> Spacing:

@@ -162,7 +162,12 @@ def as_grid(field: Tensor | ArrayLike, connectivity: int) -> Tensor:
         raise InputError(f"a field on a grid has shape (..., X, Y, Z), not {tuple(field.shape)}")
     if connectivity not in (6, 26):
         raise InputError(f"connectivity must be 6 or 26, not {connectivity}")
-    return field.to(_WIDER.get(field.dtype, field.dtype))
+    return comparable(field)
+
+
+def comparable(values: Tensor) -> Tensor:
+    """The values, widened if torch cannot compare and order their dtype: uint16 and uint32."""
+    return values.to(_WIDER.get(values.dtype, values.dtype))
 
 
 def at_least_single(values: Tensor) -> Tensor:

@@ -18,8 +18,8 @@ import pytest
 import torch
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from topokit.core.curvature import surface_curvature
-from topokit.core.gauss_bonnet import euler_characteristic
+from topokit.core.local.curvature import surface_curvature
+from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import torus_samples

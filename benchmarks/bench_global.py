@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 import torch
 
-from topokit.core.grid_euler import smoothed_euler, solid_euler
-from topokit.core.orientation import orient
-from topokit.core.splines import make_grid
-from topokit.core.winding import winding_field
+from topokit.core.cloud.orientation import orient
+from topokit.core.grid.euler import smoothed_euler, solid_euler
+from topokit.core.grid.splines import make_grid
+from topokit.core.grid.winding_field import winding_field
 from topokit.testing import torus_samples
 
 N_POINTS = 10_000
@@ -114,7 +114,7 @@ def test_memory_of_a_million_points(call: str) -> None:
     script = (
         "import resource, time, torch\n"
         "from benchmarks.bench_global import field_euler as field\n"
-        "from topokit.core.witness import global_witness\n"
+        "from topokit.core.cloud.witness import global_witness\n"
         "from topokit.testing import torus_samples\n"
         "known = torus_samples(1_000_000)\n"
         "points, normals = known.points, known.normals\n"

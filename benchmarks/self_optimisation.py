@@ -12,8 +12,8 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from topokit.core.curvature import surface_curvature
-from topokit.core.refine import self_optimize
+from topokit.core.local.curvature import surface_curvature
+from topokit.core.local.self_optimization import self_optimize
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, torus_samples
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
-from topokit.core.mesh_sampling import sample_triangles
-from topokit.core.mesh_topology import mesh_topology
-from topokit.core.witness import global_witness
+from topokit.core.cloud.witness import global_witness
+from topokit.core.mesh.sampling import sample_triangles
+from topokit.core.mesh.topology import mesh_topology
 from topokit.testing import genus_mesh
 from topokit.testing.meshes import Mesh
 

@@ -11,7 +11,7 @@ import numpy as np
 import open3d as o3d
 
 import topokit as tk
-from topokit.adapters.open3d import to_open3d
+from topokit.export.open3d import to_open3d
 from topokit.testing import torus_samples
 
 

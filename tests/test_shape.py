@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import topokit as tk
-from topokit.core.mesh_sampling import sample_triangles
+from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError, TopokitError
 from topokit.testing import genus_mesh, sphere_samples, torus_samples

@@ -6,45 +6,45 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from topokit.adapters.base import Adapter
-    from topokit.adapters.implicit import from_occupancy, from_sdf
-    from topokit.adapters.mesh import from_mesh
-    from topokit.adapters.points import from_points
+    from topokit.adapters.implicit.adapter import from_occupancy, from_sdf
+    from topokit.adapters.mesh.adapter import from_mesh
+    from topokit.adapters.points.adapter import from_points
     from topokit.adapters.splats.adapter import from_splats
     from topokit.adapters.splats.gaussians import GaussianSplats
-    from topokit.adapters.voxels import from_voxels
-    from topokit.core.curvature import Curvature
+    from topokit.adapters.voxels.adapter import from_voxels
+    from topokit.core.local.curvature import Curvature
     from topokit.core.samples import SurfaceSamples
     from topokit.errors import TopokitError
     from topokit.losses.euler import EulerLoss, euler_loss
     from topokit.losses.monitor import TopologyMonitor
-    from topokit.registry import list_adapters, load, register_adapter
-    from topokit.report import Evidence, TopologyReport
+    from topokit.plugins.adapter import Adapter
+    from topokit.plugins.registry import list_adapters, load, register_adapter
+    from topokit.report.report import Evidence, TopologyReport
     from topokit.shape import Shape
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "Adapter": "topokit.adapters.base",
-    "Curvature": "topokit.core.curvature",
+    "Adapter": "topokit.plugins.adapter",
+    "Curvature": "topokit.core.local.curvature",
     "EulerLoss": "topokit.losses.euler",
-    "Evidence": "topokit.report",
+    "Evidence": "topokit.report.report",
     "GaussianSplats": "topokit.adapters.splats.gaussians",
     "Shape": "topokit.shape",
     "SurfaceSamples": "topokit.core.samples",
     "TopokitError": "topokit.errors",
     "TopologyMonitor": "topokit.losses.monitor",
-    "TopologyReport": "topokit.report",
+    "TopologyReport": "topokit.report.report",
     "euler_loss": "topokit.losses.euler",
-    "from_mesh": "topokit.adapters.mesh",
-    "from_occupancy": "topokit.adapters.implicit",
-    "from_points": "topokit.adapters.points",
-    "from_sdf": "topokit.adapters.implicit",
+    "from_mesh": "topokit.adapters.mesh.adapter",
+    "from_occupancy": "topokit.adapters.implicit.adapter",
+    "from_points": "topokit.adapters.points.adapter",
+    "from_sdf": "topokit.adapters.implicit.adapter",
     "from_splats": "topokit.adapters.splats.adapter",
-    "from_voxels": "topokit.adapters.voxels",
-    "list_adapters": "topokit.registry",
-    "load": "topokit.registry",
-    "register_adapter": "topokit.registry",
+    "from_voxels": "topokit.adapters.voxels.adapter",
+    "list_adapters": "topokit.plugins.registry",
+    "load": "topokit.plugins.registry",
+    "register_adapter": "topokit.plugins.registry",
 }
 
 __all__ = [

@@ -1,5 +1,5 @@
 """`python -m topokit` is the command `topokit`."""
 
-from topokit.cli import app
+from topokit.cli.app import app
 
 app(prog_name="topokit")

@@ -9,20 +9,20 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from topokit.core.boundary import euler_of_boundary
-from topokit.core.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
-from topokit.core.enclosed_solid import enclosed_solid
-from topokit.core.field import Field, euler_of_field
-from topokit.core.gauss_bonnet import euler_characteristic
-from topokit.core.refine import corrected, self_optimize
+from topokit.core.cloud.witness import Witness
+from topokit.core.grid.field import Field, euler_of_field
+from topokit.core.local.boundary import euler_of_boundary
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.local.self_optimization import corrected, self_optimize
+from topokit.core.local.voronoi import AreaMethod
+from topokit.core.local.weingarten import Solver
+from topokit.core.mesh.enclosed_solid import enclosed_solid
 from topokit.core.samples import SurfaceSamples, enough_samples
-from topokit.core.voronoi import AreaMethod
-from topokit.core.weingarten import Solver
-from topokit.core.witness import Witness
-from topokit.diagnosis import Measured, exact_report, sampled_report
 from topokit.errors import InputError
-from topokit.report import Evidence, ExactAnswer, TopologyReport, known_genus
-from topokit.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
+from topokit.report.report import Evidence, ExactAnswer, TopologyReport, known_genus
+from topokit.report.sampled import Measured, exact_report, sampled_report
+from topokit.report.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
 
 EulerMethod = Literal["gauss-bonnet", "field"]
 UNNAMED = "shape"
@@ -93,7 +93,7 @@ class Shape:
 
         Args:
             n_neighbors: k; the shape's own by default.
-            solver: "sylvester", "symmetrized" or "commuting" (see `topokit.core.weingarten`).
+            solver: "sylvester", "symmetrized" or "commuting" (see `topokit.core.local.weingarten`).
             area_method: "exact" or "monte-carlo".
             area_resolution: side of the Monte Carlo grid.
 
@@ -132,7 +132,7 @@ class Shape:
             refine: whether to self-optimise.
             target: what χ must be; by default the exact integer where there is one, else the global witness's.
                 Without either (planes, lines, open sheets) nothing is refined.
-            solver: see `topokit.core.weingarten`.
+            solver: see `topokit.core.local.weingarten`.
             max_steps: of the self-optimisation.
             method: "gauss-bonnet", or "field": χ averaged over levels within about `tau` of the field's own, on its own
                 grid and in its connectivity. Only this one has a gradient that moves the topology; the arguments

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from topokit import Adapter
 from topokit.errors import ReadError, reading
-from topokit.files import head
+from topokit.inputs.files import head
 
 if TYPE_CHECKING:
     import torch

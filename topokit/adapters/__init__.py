@@ -1,1 +1,1 @@
-"""One representation per file: each turns its input into a Shape."""
+"""One folder per representation; adapters never import each other."""

@@ -1,1 +1,1 @@
-"""The shared differentiable core: torch (and SciPy's KD-tree), no files, no adapters."""
+"""Numerical core: torch where results are differentiable, NumPy and SciPy elsewhere. Returns numbers."""

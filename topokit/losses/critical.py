@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.grid_euler import at_least_single, critical_index, smoothed_euler
-from topokit.core.simple_points import OFFSETS, Codes, touching
+from topokit.core.grid.euler import at_least_single, critical_index, smoothed_euler
+from topokit.core.homotopy.simple_points import OFFSETS, Codes, touching
 from topokit.errors import InputError
 
 APPEARS, FILLS, JOINS, CLOSES, SEVERAL = "appears", "fills", "joins", "closes", "several"

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from topokit.core.field import Field, median_step_at_crossings
-from topokit.core.grid_euler import at_least_single, smoothed_euler
-from topokit.core.nearest_solid import Change
+from topokit.core.grid.euler import at_least_single, smoothed_euler
+from topokit.core.grid.field import Field, median_step_at_crossings
+from topokit.core.homotopy.nearest_solid import Change
 from topokit.errors import InputError
 from topokit.losses.goal import Target, goal_of
 from topokit.losses.guard import Guard, hinge, nothing

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 
-from topokit.core.nearest_solid import Betti
+from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
 
 Target = float | Sequence[float] | None

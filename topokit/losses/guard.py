@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from topokit.core.field import Field, median_step_at_crossings
-from topokit.core.grid_euler import at_least_single
-from topokit.core.homotopy import deform
-from topokit.core.nearest_solid import Betti, Change, Values, cost, nearest_solid
-from topokit.core.simple_points import Bools, PaddedSolid, is_simple
+from topokit.core.grid.euler import at_least_single
+from topokit.core.grid.field import Field, median_step_at_crossings
+from topokit.core.homotopy.deformation import deform
+from topokit.core.homotopy.nearest_solid import Betti, Change, Values, cost, nearest_solid
+from topokit.core.homotopy.simple_points import Bools, PaddedSolid, is_simple
 
 _CHEAPER = 0.5  # share of the known solid's cost below which another one is taken instead
 

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 
 from torch import Tensor
 
-from topokit.core.grid_components import betti_numbers, grid_components
-from topokit.core.nearest_solid import Betti
+from topokit.core.grid.components import betti_numbers, grid_components
+from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
 from topokit.losses.goal import Target, goal_of
 from topokit.losses.source import FieldSource

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from topokit.core.nearest_solid import Betti, Change, Values
+from topokit.core.homotopy.nearest_solid import Betti, Change, Values
 from topokit.losses.guard import Decisive, Guard
 
 

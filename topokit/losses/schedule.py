@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from topokit.core.field import median_step_at_crossings
+from topokit.core.grid.field import median_step_at_crossings
 from topokit.errors import InputError
 from topokit.losses.source import FieldSource
 from topokit.shape import Shape

@@ -7,10 +7,10 @@ import math
 import torch
 from torch import Tensor
 
-from topokit.core.field import Field, GridField
-from topokit.core.grid_euler import at_least_single
-from topokit.core.splines import Grid, make_grid
-from topokit.core.winding import winding_field
+from topokit.core.grid.euler import at_least_single
+from topokit.core.grid.field import Field, GridField
+from topokit.core.grid.splines import Grid, make_grid
+from topokit.core.grid.winding_field import winding_field
 from topokit.errors import InputError
 from topokit.shape import Shape
 

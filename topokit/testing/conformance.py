@@ -13,12 +13,12 @@ from unittest import SkipTest
 import torch
 from torch import Tensor
 
-from topokit.adapters.base import Adapter
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import AdapterError, TopokitError, summary
-from topokit.plugins import foreign_code
-from topokit.registry import adapter_for, list_adapters
+from topokit.plugins.adapter import Adapter
+from topokit.plugins.foreign_code import foreign_code
+from topokit.plugins.registry import adapter_for, list_adapters
 from topokit.shape import Shape
 
 _ALIEN = {

@@ -13,7 +13,7 @@ from topokit.adapters.splats.cleaning import Limits, clean
 from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
-from topokit.core.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from topokit.adapters.base import Adapter
-from topokit.files import file_of_folder, head
+from topokit.inputs.files import file_of_folder, head
+from topokit.plugins.adapter import Adapter
 
 
 class Splats(Adapter):
@@ -21,7 +21,7 @@ class Splats(Adapter):
     opener = "topokit.adapters.splats.adapter:from_splats"
 
     def can_open(self, source: Path) -> bool:
-        from topokit.adapters.splats.formats import reader_by_content
+        from topokit.adapters.splats.formats.choose import reader_by_content
 
         path = file_of_folder(source)
         return path.is_file() and reader_by_content(path, head(path)) is not None

@@ -13,10 +13,10 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.splats.formats import read_splats
+from topokit.adapters.splats.formats.choose import read_splats
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
-from topokit.files import existing_file, file_of_folder
+from topokit.inputs.files import existing_file, file_of_folder
 
 _COLUMNS = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),

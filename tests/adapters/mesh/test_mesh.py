@@ -1,0 +1,241 @@
+"""from_mesh: sources, merging, formats, sampling, gradients, and refusals."""
+
+from __future__ import annotations
+
+import gc
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+from torch.autograd import gradcheck
+
+import topokit as tk
+from topokit.core.mesh.sampling import sample_triangles
+from topokit.errors import InputError, ReadError
+from topokit.testing import genus_mesh, icosphere, torus_mesh
+
+FORMATS = ["obj", "off", "ply", "stl", "glb", "3mf"]
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_gives_the_same_certain_answer(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"shape.{suffix}"
+    trimesh.Trimesh(*genus_mesh(2), process=False).export(path)
+    report = tk.load(path).report()
+    assert (report.euler, report.genus, report.verdict, report.closed) == (-2, 2, "certain", True)
+    assert report.betti == (1, 4, 1)
+    assert report.estimate == pytest.approx(-2, abs=0.5)
+
+
+def test_content_is_believed_before_the_suffix(tmp_path: Path) -> None:
+    path = tmp_path / "really_a.stl"
+    trimesh.Trimesh(*torus_mesh(), process=False).export(path, file_type="ply")
+    assert tk.load(path).report().euler == 0
+
+
+def test_arrays_tensors_and_trimesh_objects_agree() -> None:
+    vertices, faces = torus_mesh()
+    sources = (
+        (vertices, faces),
+        (vertices.tolist(), faces.tolist()),
+        (torch.from_numpy(vertices), torch.from_numpy(faces)),
+        trimesh.Trimesh(vertices, faces, process=False),
+    )
+    reports = [tk.from_mesh(source).report() for source in sources]
+    assert {(report.euler, report.verdict, report.estimate) for report in reports} == {
+        (0, "certain", reports[0].estimate)
+    }
+
+
+def test_an_unwelded_mesh_is_merged_and_says_so() -> None:
+    vertices, faces = torus_mesh(20, 10)
+    shape = tk.from_mesh((vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)))
+    report = shape.report()
+    assert (report.euler, report.verdict) == (0, "certain")
+    assert "1000 vertices that equal another were merged, which closes the mesh." in report.reasons
+
+
+def test_a_closed_mesh_is_left_alone_though_vertices_coincide() -> None:
+    vertices, faces = icosphere(2)
+    twice = np.concatenate((vertices, vertices)), np.concatenate((faces, faces + len(vertices)))
+    report = tk.from_mesh(twice).report()
+    assert (report.euler, report.components, report.verdict) == (4, 2, "certain")
+
+
+def test_a_rounded_seam_is_closed_but_only_likely() -> None:
+    vertices, faces = torus_mesh(20, 10)
+    noise = np.random.default_rng(0).uniform(-1e-9, 1e-9, (faces.size, 3))
+    report = tk.from_mesh((vertices[faces].reshape(-1, 3) + noise, np.arange(faces.size).reshape(-1, 3))).report()
+    assert (report.euler, report.closed, report.verdict) == (0, True, "likely")
+
+
+def test_faults_are_plain_sentences() -> None:
+    vertices, faces = icosphere(2)
+    extra = np.concatenate((vertices, [[9.0, 9, 9]]))
+    broken = np.concatenate((faces[1:], [[5, 5, 6]]))
+    broken[7] = broken[7, ::-1]
+    report = tk.from_mesh((extra, broken)).report()
+    assert (report.euler, report.verdict, report.closed, report.boundary_loops) == (1, "unsure", False, 1)
+    text = "\n".join(report.reasons)
+    for sentence in (
+        "1 vertices belong to no face",
+        "1 faces name a vertex twice",
+        "It is open: 3 edges in 1 boundary loop have only one face.",
+        "1 face turned against the others",
+    ):
+        assert sentence in text
+
+
+def test_euler_is_differentiable_in_the_vertices() -> None:
+    vertices, faces = torus_mesh(40, 20)
+    moving = torch.from_numpy(vertices).requires_grad_()
+    shape = tk.from_mesh((moving, faces))
+    shape.euler().backward()
+    assert moving.grad is not None
+    assert moving.grad.isfinite().all()
+    assert float(moving.grad.abs().max()) > 0
+
+
+def test_sampling_passes_gradcheck() -> None:
+    vertices, faces = icosphere(1)
+
+    def draw(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        samples, _ = sample_triangles(values, torch.from_numpy(faces), 30, torch.Generator().manual_seed(5))
+        assert samples.normals is not None
+        return samples.points, samples.normals
+
+    _, fixed = sample_triangles(torch.from_numpy(vertices), torch.from_numpy(faces), 30)
+    assert len(fixed.unique()) > 15
+
+    def at_fixed_faces(values: torch.Tensor) -> torch.Tensor:
+        # A step of 1e-6 moves the area shares; the draws stay in their faces for this seed, which gradcheck confirms.
+        return torch.cat(draw(values))
+
+    assert gradcheck(at_fixed_faces, (torch.from_numpy(vertices).requires_grad_(),))
+
+
+def test_samples_are_spread_by_area_and_lie_on_the_mesh(generator: torch.Generator) -> None:
+    vertices, faces = (torch.from_numpy(part) for part in torus_mesh(12, 6))
+    samples, face = sample_triangles(vertices, faces, 60_000, generator)
+    corners = vertices[faces]
+    areas = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1).norm(dim=-1) / 2
+    counts = torch.bincount(face, minlength=len(faces)).double()
+    torch.testing.assert_close(counts / 60_000, areas / areas.sum(), rtol=0, atol=2 / 60_000)
+    height = ((samples.points - corners[face, 0]) * samples.normals).sum(-1)
+    assert float(height.abs().max()) < 1e-12
+    inside = samples.points - corners[face].mean(1)  # uniform in each triangle: the mean is the centroid
+    assert float(inside.mean(0).abs().max()) < 2e-3
+
+
+def test_the_same_seed_gives_the_same_answer() -> None:
+    mesh = genus_mesh(1)
+    one, two = (tk.from_mesh(mesh, generator=torch.Generator().manual_seed(3)) for _ in range(2))
+    assert torch.equal(one.samples.points, two.samples.points)
+    assert torch.equal(one.euler(), two.euler())
+    other = tk.from_mesh(mesh, generator=torch.Generator().manual_seed(4))
+    assert not torch.equal(one.samples.points, other.samples.points)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (([[0.0, 0, 0], [1, 0, 0]], [[0, 1, 2]]), "face index 2 is out of range: there are 2 vertices"),
+        (([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, -1]]), "face index -1 is out of range"),
+        (([[0.0, 0], [1, 0]], [[0, 1, 2]]), r"vertices must have shape \(V, 3\), got \(2, 2\)"),
+        (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3]]), r"faces must have shape \(F, 3\), got \(1, 4\): cut polygons"),
+        (([[0.0, 0, 0]] * 3, [[0.0, 1.0, 2.0]]), "faces must be integers, got float64"),
+        (([[0.0, 0, 0]] * 3, np.zeros((0, 3), int)), "the mesh has no faces"),
+        (([[0.0, 0, 0]] * 3, [[0, 1, 2]]), "the mesh has no area"),
+        (([[0.0, 0, 0]] * 3, [[0, 1, 1]]), "every face of the mesh names a vertex twice"),
+        (([[0.0, 0, 0], [1, 0, 0], [np.nan, 1, 0]], [[0, 1, 2]]), "1 faces use vertices that are NaN or infinite"),
+        (([["a", 0, 0]], [[0, 0, 0]]), "vertices could not be read as numbers"),
+        ((torch.zeros(3, 3, dtype=torch.int64), [[0, 1, 2]]), "vertices must be floating point, got torch.int64"),
+        (
+            42,
+            r"from_mesh got int; expected a path, a pair \(vertices, faces\), a mesh of trimesh or open3d, or anything",
+        ),
+    ],
+)
+def test_bad_input_is_explained(source: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        tk.from_mesh(source)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("empty.off", b"", "is empty"),
+        ("cut.off", b"OFF\n4 4 6\n0 0 0\n1 0 0\n", "announces 4 vertices and 4 faces but has only"),
+        ("short.off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "a face announces 3 corners and has 2"),
+        ("huge.off", b"OFF\n999999999999 9 0\n0 0 0\n", "announces 999999999999 vertices"),
+        (
+            "cut.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nelement face 3\nend_header\n",
+            "could not be read",
+        ),
+        ("cut.stl", b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 50, "could not be read|no triangles"),
+        ("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "could not be read"),
+        ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "could not be read|holds no triangles"),
+        ("broken.glb", b"glTF\x02\0\0\0\xff\xff\xff\xff", "could not be read"),
+        ("broken.3mf", b"PK\x03\x04 3D/ nothing of the kind", "could not be read"),
+    ],
+)
+def test_broken_files_are_read_errors(name: str, content: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ReadError, match=message):
+        tk.load(path)
+
+
+def test_polygons_in_off_files_are_cut_into_fans(tmp_path: Path) -> None:
+    path = tmp_path / "prism.off"
+    angle = np.arange(6) * np.pi / 3
+    corners = [f"{np.cos(a):.9f} {np.sin(a):.9f} {z}" for z in (0, 1) for a in angle]
+    sides = [f"4 {i} {(i + 1) % 6} {(i + 1) % 6 + 6} {i + 6}" for i in range(6)]
+    caps = ["6 5 4 3 2 1 0", "6 6 7 8 9 10 11"]
+    path.write_text("OFF # a hexagonal prism\n12 8 18\n" + "\n".join(corners + sides + caps))
+    report = tk.load(path).report()
+    assert (report.euler, report.verdict) == (2, "certain")
+
+
+def test_obj_seams_and_materials_do_not_split_the_mesh(tmp_path: Path) -> None:
+    vertices, faces = torus_mesh(12, 8)
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + ["vt 0 0", "vt 1 1", "vn 0 0 1"]
+    for index, (a, b, c) in enumerate(faces + 1):
+        lines += [f"usemtl m{index % 5}", f"f {a}/1/1 {b}/{index % 2 + 1}/1 \\", f" {c}/2/1"]
+    path = tmp_path / "seams.obj"
+    path.write_text("mtllib nowhere.mtl\n" + "\n".join(lines))
+    shape = tk.load(path)
+    assert shape.report().reasons[0].startswith("Every edge has two faces")
+    assert shape.report().euler == 0
+
+
+def test_nothing_is_left_behind_by_a_report() -> None:
+    shape = tk.from_mesh(torus_mesh(20, 10), n_samples=500)
+    shape.report()
+    gc.collect()
+    assert not any(torch.is_tensor(o) and o.grad_fn is not None for o in (shape.samples.points, shape.samples.normals))
+
+
+def test_overlapping_parts_are_said_with_the_solid_they_make() -> None:
+    vertices, faces = icosphere(3)
+    double = (
+        np.concatenate((vertices, vertices + np.array([1.0, 0, 0]))),
+        np.concatenate((faces, faces + len(vertices))),
+    )
+    report = tk.from_mesh(double).report()
+    assert (report.euler, report.verdict) == (4, "certain")
+    assert any("intersects or overlaps itself" in reason and "χ = 2." in reason for reason in report.reasons)
+    solid = next(one for one in report.evidence if one.name == "solid by winding number")
+    assert solid.integer == 2
+
+
+def test_soups_and_punctured_meshes_have_the_solid_as_second_evidence() -> None:
+    vertices, faces = torus_mesh(40, 20)
+    report = tk.from_mesh((vertices, faces[7:])).report()
+    assert not report.closed
+    assert any("As a solid: by winding number" in reason and "χ = 0." in reason for reason in report.reasons)
+    clean = tk.from_mesh((vertices, faces)).report()
+    assert not any("solid" in reason for reason in clean.reasons)

@@ -1,0 +1,99 @@
+"""Cuts of Delaunay tetrahedra: exact integers of known solids, seen from inside and from outside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from topokit.core.cloud.delaunay_cut import count_parts, cut_complex, delaunay_complex, solid_eulers, surface_normals
+from topokit.core.cloud.neighborhoods import local_geometry
+from topokit.core.mesh.sampling import sample_triangles
+from topokit.errors import InputError
+from topokit.testing import genus_mesh, sphere_samples, torus_samples
+
+Floats = NDArray[np.float64]
+
+
+def sphere(n_points: int, radius: float = 1.0, shift: float = 0.0) -> tuple[Floats, Floats]:
+    known = sphere_samples(n_points, radius)
+    return known.points.numpy() + np.array([shift, 0, 0]), known.normals.numpy()
+
+
+def torus(n_points: int) -> tuple[Floats, Floats]:
+    known = torus_samples(n_points)
+    return known.points.numpy(), known.normals.numpy()
+
+
+def double_torus(n_points: int) -> tuple[Floats, Floats]:
+    vertices, faces = (torch.as_tensor(part) for part in genus_mesh(2))
+    samples, _ = sample_triangles(vertices.double(), faces.long(), n_points)
+    assert samples.normals is not None
+    return samples.points.numpy(), samples.normals.numpy()
+
+
+def two_parts(n_points: int) -> tuple[Floats, Floats]:
+    parts = zip(sphere(n_points // 2), sphere(n_points // 2, 0.5, 2.0), strict=True)
+    points, normals = (np.concatenate(part) for part in parts)
+    return points, normals
+
+
+def shell(n_points: int) -> tuple[Floats, Floats]:
+    (outer, out), (inner, away) = sphere(n_points // 2), sphere(n_points // 2, 0.5)
+    return np.concatenate((outer, inner)), np.concatenate((out, -away))
+
+
+SOLIDS = [
+    (sphere, 1, (1, 0)),
+    (torus, 0, (1, 0)),
+    (double_torus, -1, (1, 0)),
+    (two_parts, 2, (2, 0)),
+    (shell, 2, (1, 1)),
+]
+
+
+@pytest.mark.parametrize(("make", "euler", "parts"), SOLIDS, ids=lambda value: getattr(value, "__name__", str(value)))
+def test_known_solids(make: type, euler: int, parts: tuple[int, int]) -> None:
+    points, normals = make(4000)
+    complex_ = delaunay_complex(points, local_geometry(points).spacing)
+    cut = cut_complex(complex_, normals)
+    assert solid_eulers(complex_, cut.inside) == (euler, euler)
+    assert count_parts(complex_, cut.inside) == parts
+    assert cut.coverage > 0.99
+    facing, touched = surface_normals(complex_, cut.inside, normals)
+    assert ((facing * normals).sum(1) > 0.5)[touched].mean() > 0.99
+
+
+def test_wrong_normals_cost_more() -> None:
+    points, normals = torus(3000)
+    complex_ = delaunay_complex(points, local_geometry(points).spacing)
+    flipped = normals * np.where(points[:, :1] > 0.3, -1, 1)
+    assert cut_complex(complex_, flipped).energy > 1.2 * cut_complex(complex_, normals).energy
+
+
+def test_scale_and_position_do_not_matter() -> None:
+    points, normals = torus(2000)
+    found = []
+    for scale, shift in ((1.0, 0.0), (1024.0, 0.0), (2.0**-20, 0.0), (1.0, 4096.0)):
+        complex_ = delaunay_complex(points * scale + shift, local_geometry(points * scale + shift).spacing)
+        cut = cut_complex(complex_, normals)
+        found.append((*solid_eulers(complex_, cut.inside), round(cut.energy, 2)))
+    assert len(set(found)) == 1
+
+
+def test_a_single_tetrahedron() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    complex_ = delaunay_complex(points, 1.0)
+    assert len(complex_.tetrahedra) == 1
+    assert complex_.facet_area.sum() == pytest.approx(1.5 + 3**0.5 / 2)
+    assert solid_eulers(complex_, np.array([True])) == (1, 1)
+    assert solid_eulers(complex_, np.array([False])) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "points", [np.zeros((9, 3)), np.eye(3), np.arange(27.0).reshape(9, 3), np.full((9, 3), np.nan)]
+)
+def test_flat_input_is_refused(points: Floats) -> None:
+    with pytest.raises(InputError, match="span no volume"):
+        delaunay_complex(points, 1.0)

@@ -1,0 +1,100 @@
+"""Reading mesh files: trimesh for every format it knows, and polygon OFF files, on which it fails."""
+
+from __future__ import annotations
+
+import io
+import logging
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.errors import ReadError, reading
+from topokit.inputs.files import head
+
+_NOT_TOPOLOGY = re.compile(rb"^(?!\s*[vf]\s).*$|(?<=\d)/\S*", re.MULTILINE)
+
+
+def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (V, 3) and triangles (F, 3) of a mesh file, indices as they stand in it (nothing is merged).
+
+    Scenes are flattened with their transformations; polygons are cut into fans.
+
+    Raises:
+        ReadError: if the file cannot be read or holds no triangle.
+        MissingDependencyError: if the format needs a package that is not there (3MF: lxml and networkx).
+    """
+    beginning = head(path)
+    if beginning.lstrip()[:4].upper().startswith((b"OFF", b"COFF", b"NOFF")):
+        with reading(path, "the OFF reader"):
+            return read_off(path)
+    import trimesh
+
+    quiet = logging.getLogger("trimesh")
+    level = quiet.level
+    quiet.setLevel(logging.CRITICAL)  # a missing texture is no business of topology
+    try:
+        with reading(path, "trimesh", extra="topokit[formats]"):
+            kind = _file_type(path, beginning)
+            content = path if kind != "obj" else _bare_obj(path)
+            mesh = trimesh.load_scene(content, file_type=kind, process=False).to_mesh()
+            vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    finally:
+        quiet.setLevel(level)
+    if len(faces) == 0:
+        raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use topokit.from_points.")
+    return vertices, faces
+
+
+def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """An ASCII OFF file with polygons of any size, cut into fans.
+
+    Raises:
+        ReadError: if counts and content do not agree.
+    """
+    lines = (line.split("#")[0] for line in path.read_text(encoding="utf-8", errors="strict").splitlines())
+    words = [line.split() for line in lines]
+    rows = [row for row in words if row]
+    if not rows or not rows[0][0].upper().endswith("OFF"):
+        raise ReadError(f"{path} is not an OFF file: it does not begin with OFF.")
+    rows[0] = rows[0][1:]
+    rows = rows if rows[0] else rows[1:]
+    if not rows:
+        raise ReadError(f"{path} ends after its first line: vertex and face counts are missing.")
+    n_vertices, n_faces = int(rows[0][0]), int(rows[0][1])
+    if len(rows) < 1 + n_vertices + n_faces:
+        raise ReadError(
+            f"{path} announces {n_vertices} vertices and {n_faces} faces but has only {len(rows) - 1} lines for them: "
+            "it is truncated or its header is wrong."
+        )
+    vertices = np.array([row[:3] for row in rows[1 : 1 + n_vertices]], dtype=np.float64).reshape(-1, 3)
+    faces: list[tuple[int, int, int]] = []
+    for row in rows[1 + n_vertices : 1 + n_vertices + n_faces]:
+        corners = [int(word) for word in row[1 : 1 + int(row[0])]]
+        if len(corners) != int(row[0]):
+            raise ReadError(f"{path}: a face announces {row[0]} corners and has {len(corners)}.")
+        faces.extend((corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1))
+    if not faces:
+        raise ReadError(f"{path} holds no faces. A mesh was expected; for points use topokit.from_points.")
+    return vertices, np.array(faces, dtype=np.int64)
+
+
+def _bare_obj(path: Path) -> io.BytesIO:
+    """The `v` and `f` lines alone, faces without texture and normal indices.
+
+    Faces name vertices, normals, textures and materials apart and topology goes by the vertex alone; trimesh would
+    split vertices wherever any of them differs.
+    """
+    return io.BytesIO(_NOT_TOPOLOGY.sub(b"", re.sub(rb"\\\r?\n", b" ", path.read_bytes())))
+
+
+def _file_type(path: Path, beginning: bytes) -> str:
+    """What the content says, else the suffix."""
+    if beginning.startswith(b"ply"):
+        return "ply"
+    if beginning.startswith(b"glTF"):
+        return "glb"
+    if beginning.startswith(b"PK\x03\x04"):
+        return "3mf"
+    return path.suffix.lower().removeprefix(".")

@@ -1,0 +1,1 @@
+"""Geometries of Open3D."""

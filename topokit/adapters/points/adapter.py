@@ -1,0 +1,115 @@
+"""Point clouds, with or without normals."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from topokit.adapters.points.files import read_points
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.samples import SurfaceSamples
+from topokit.errors import InputError
+from topokit.inputs.arrays import as_floating, is_array
+from topokit.inputs.files import existing_file
+from topokit.inputs.objects import points_of
+from topokit.shape import Shape
+
+_FEW = 0.01  # share of useless normals up to which their points are dropped rather than all normals
+
+
+def from_points(
+    points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
+    normals: Tensor | ArrayLike | None = None,
+    *,
+    n_neighbors: int = DEFAULT_NEIGHBORS,
+) -> Shape:
+    """A point cloud as a shape.
+
+    Args:
+        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz) or a point cloud
+            of open3d or trimesh, whose normals are used if it has any; or a mesh of these, for its vertices alone.
+            Tensors, and whatever offers `__dlpack__`, keep device, memory and floating type (half precision is widened
+            to float32), tensors their gradient, too; other arrays become float64.
+        normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows with a normal that is
+            zero or not finite are dropped while they are at most 1 %; beyond that all normals are put aside. Either
+            is said in the report.
+        n_neighbors: k of the local half.
+
+    Returns:
+        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped and counted.
+
+    Raises:
+        ReadError: if the file is missing or malformed.
+        InputError: on wrong shapes or integer tensors, if most rows are not finite, or if too few are left.
+
+    Example:
+        >>> import topokit as tk, torch
+        >>> points = torch.randn(2000, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+        >>> sphere = points / points.norm(dim=-1, keepdim=True)
+        >>> round(float(tk.from_points(sphere, normals=sphere).euler()))
+        2
+    """
+    name = "points"
+    notes: list[str] = []
+    if isinstance(points, str | os.PathLike):
+        path = existing_file(points)
+        name, (points, stored) = path.name, read_points(path)
+        normals = stored if normals is None else normals
+    elif not is_array(points) and not isinstance(points, list | tuple):
+        points, stored = _of_object(points)
+        normals = stored if normals is None else normals
+    positions = _tensor(points, "points")
+    directions = None if normals is None else _tensor(normals, "normals").to(positions)
+    if directions is not None and directions.shape != positions.shape:
+        raise InputError(
+            f"normals must have the shape of the points, {tuple(positions.shape)}, got {tuple(directions.shape)}."
+        )
+    if positions.ndim == 2:
+        positions, directions = _without_broken_rows(positions, directions, notes)
+    return Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+
+
+def _tensor(values: object, name: str) -> Tensor:
+    tensor = as_floating(values, name, "(N, 3)")
+    if tensor.ndim < 2 or tensor.shape[-1] != 3:
+        raise InputError(f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(tensor.shape)}.")
+    return tensor
+
+
+def _of_object(source: object) -> tuple[Any, Any | None]:
+    found = points_of(source)
+    if found is None:
+        raise InputError(
+            f"from_points got {type(source).__name__}; expected a path, a tensor or array (N, 3), anything with "
+            "__dlpack__ or __array__, or a point cloud of open3d or trimesh."
+        )
+    return found
+
+
+def _without_broken_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:
+    finite = torch.isfinite(points.detach()).all(-1)
+    n_broken = int((~finite).sum())
+    if n_broken:
+        if 2 * n_broken > len(points):
+            raise InputError(
+                f"{n_broken} of {len(points)} points are NaN or infinite. A cloud of which most is missing is refused: "
+                "keep the finite rows yourself if they are what you mean."
+            )
+        notes.append(f"{n_broken} of {len(points)} points are NaN or infinite and were dropped.")
+        points = points[finite]
+        normals = None if normals is None else normals[finite]
+    if normals is None:
+        return points, None
+    useful = torch.isfinite(normals.detach()).all(-1) & (normals.detach() != 0).any(-1)
+    n_useless = int((~useful).sum())
+    if n_useless == 0:
+        return points, normals
+    if n_useless > _FEW * len(points):
+        notes.append(f"{n_useless} of {len(points)} normals are zero or not finite; all normals were put aside.")
+        return points, None
+    notes.append(f"{n_useless} of {len(points)} normals are zero or not finite; their points were dropped.")
+    return points[useful], normals[useful]

@@ -1,0 +1,1 @@
+"""Gaussian-splat file formats, one per file."""

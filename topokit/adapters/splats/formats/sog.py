@@ -1,0 +1,140 @@
+""".sog version 2 (PlayCanvas): quantised attributes as lossless WebP images and a meta.json, zipped or in a folder."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.adapters.splats.formats.table import (
+    CONVERTER,
+    Floats,
+    SplatTable,
+    require_bytes,
+    require_expansion,
+    with_largest,
+)
+from topokit.errors import MissingDependencyError, ReadError, reading
+from topokit.inputs.files import existing_file, head
+
+Pixels = NDArray[np.uint8]
+_META = "meta.json"
+_LONGEST_META = 1 << 22  # bytes; real ones have about 15 000
+_MOST_PIXELS = 1 << 26
+
+
+def read_sog(path: Path) -> SplatTable:
+    """Splats of a .sog file, or of an unzipped one given by its meta.json.
+
+    Raises:
+        ReadError: if the archive, its meta.json or an image is missing, damaged, of another version, or does not fit
+            the number of splats.
+        MissingDependencyError: without Pillow.
+
+    Reference:
+        https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/
+    """
+    if not zipfile.is_zipfile(path):
+        if head(path, 2) == b"PK":
+            raise ReadError(f"{path} is a zip archive without its directory at the end: it is truncated.")
+        return _decode(path, lambda name: _from_folder(path, name))
+    with zipfile.ZipFile(path) as archive:
+        return _decode(path, lambda name: _from_archive(path, archive, name))
+
+
+def _from_folder(path: Path, name: str) -> bytes:
+    file = existing_file(path if name == _META else path.parent / name)
+    size = file.stat().st_size
+    if name == _META and size > _LONGEST_META:
+        raise ReadError(f"{file} has {size} bytes; a .sog's meta.json has at most {_LONGEST_META}.")
+    return file.read_bytes()
+
+
+def _from_archive(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
+    entries = [entry for entry in archive.infolist() if PurePosixPath(entry.filename).name == name]
+    if not entries:
+        raise ReadError(f"{path} holds no {name}; it is not a .sog file or it is truncated.")
+    if name == _META and entries[0].file_size > _LONGEST_META:
+        raise ReadError(f"{path}: its {_META} has {entries[0].file_size} bytes; at most {_LONGEST_META} were expected.")
+    if entries[0].compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ReadError(
+            f"{path}: {name} is packed by method {entries[0].compress_type}; stored or deflated is expected."
+        )
+    require_expansion(path, entries[0].file_size, path.stat().st_size)
+    return archive.read(entries[0])
+
+
+def _decode(path: Path, fetch: Callable[[str], bytes]) -> SplatTable:
+    meta = json.loads(fetch(_META))
+    version = meta.get("version") if isinstance(meta, dict) else None
+    if version != 2:
+        raise ReadError(f"{path}: its meta.json is of version {version!r}; version 2 is known. {CONVERTER}")
+    count = meta["count"]
+    if not isinstance(count, int) or count < 1:
+        raise ReadError(f"{path}: its meta.json gives {count!r} splats; a positive number was expected.")
+
+    def pixels(attribute: str, which: int = 0) -> Pixels:
+        name = _plain_name(path, meta[attribute]["files"][which])
+        return _image(f"{name} of {path}", fetch(name), count)
+
+    rotations = pixels("quats")
+    kind = rotations[:, 3].astype(np.int64) - 252
+    if (kind < 0).any():
+        raise ReadError(f"{path}: {int((kind < 0).sum())} rotations are not tagged 252 to 255; the file is damaged.")
+    thirds = (rotations[:, :3].astype(np.float32) / np.float32(255) * 2 - 1) * np.float32(np.sqrt(0.5))
+    codebook = np.array(meta["scales"]["codebook"], dtype=np.float32)
+    if codebook.shape != (256,):
+        raise ReadError(f"{path}: its scale codebook has shape {codebook.shape}; (256,) was expected.")
+    return SplatTable(
+        _means(meta["means"], pixels("means", 0), pixels("means", 1)),
+        np.exp(codebook[pixels("scales")[:, :3]]),
+        with_largest(kind, thirds),
+        pixels("sh0")[:, 3].astype(np.float32) / np.float32(255),
+    )
+
+
+def _plain_name(path: Path, name: Any) -> str:
+    if not isinstance(name, str) or not name or PurePosixPath(name).name != name or "\\" in name:
+        raise ReadError(f"{path}: its meta.json names the image {name!r}; a plain file name was expected.")
+    return name
+
+
+def _means(meta: dict[str, Any], low: Pixels, high: Pixels) -> Floats:
+    """16 bits between minimum and maximum, then sign(v)·(e^|v| − 1)."""
+    ends = np.array([meta["mins"], meta["maxs"]], dtype=np.float64).reshape(2, 3)
+    share = (low[:, :3].astype(np.float64) + 256 * high[:, :3].astype(np.float64)) / 65535
+    value = ends[0] + (ends[1] - ends[0]) * share
+    means: Floats = (np.sign(value) * np.expm1(np.abs(value))).astype(np.float32)
+    return means
+
+
+def _image(name: str, content: bytes, count: int) -> Pixels:
+    """The first `count` pixels as (count, 4), sized by the image's own header before Pillow sees it."""
+    width, height = _webp_size(name, content)
+    if not count <= width * height <= _MOST_PIXELS:
+        raise ReadError(f"{name} has {width} × {height} pixels, which do not fit {count} splats.")
+    require_expansion(name, 4 * width * height, len(content))
+    try:
+        from PIL import Image
+    except ImportError as error:
+        raise MissingDependencyError('Reading .sog needs Pillow: pip install "topokit[splats]".') from error
+    with reading(name, "Pillow"), Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
+        return np.asarray(image.convert("RGBA")).reshape(-1, 4)[:count]
+
+
+def _webp_size(name: str, content: bytes) -> tuple[int, int]:
+    """Width and height of a lossless WebP file."""
+    require_bytes(name, "a WebP image", 30, len(content))
+    kind = content[12:16]
+    if content[:4] != b"RIFF" or content[8:12] != b"WEBP" or kind not in (b"VP8L", b"VP8X"):
+        raise ReadError(f"{name} is not a lossless WebP image: it is damaged or was converted on the way.")
+    if kind == b"VP8X":
+        return 1 + int.from_bytes(content[24:27], "little"), 1 + int.from_bytes(content[27:30], "little")
+    bits = int.from_bytes(content[21:25], "little")
+    return 1 + (bits & 16383), 1 + (bits >> 14 & 16383)

@@ -1,0 +1,1 @@
+"""Global topology of point samples: orientation, minimum cuts of Delaunay tetrahedra, votes."""

@@ -1,0 +1,1 @@
+"""Fields on regular grids: Euler characteristic, components, B-splines, the winding-number field."""

@@ -1,0 +1,1 @@
+"""Changing the topology of voxel solids: simple points, deformation, the nearest solid."""

@@ -1,0 +1,1 @@
+"""Level sets of functions: adaptive grids, projection, convergence of the Euler characteristic."""

@@ -1,0 +1,128 @@
+"""Curvatures of surface samples: the local half of the method, from neighbours to principal directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from topokit.core.chunks import in_chunks
+from topokit.core.linalg import determinant, eigenvalues, eigenvectors, squared_norm, trace
+from topokit.core.local.frames import frames_from_neighbors, frames_from_normals
+from topokit.core.local.voronoi import AreaMethod, cell_areas
+from topokit.core.local.weingarten import Solver, weingarten_map
+from topokit.core.neighbors import flat_neighbors
+from topokit.core.samples import SurfaceSamples
+
+DEFAULT_NEIGHBORS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Curvature:
+    """Local geometry of N samples; every tensor but the two index-like ones is differentiable.
+
+    Attributes:
+        gaussian: K, (..., N), in 1/length².
+        mean: H, (..., N), in 1/length; positive where the surface bends towards its inside (sphere of radius r: 1/r).
+            Its sign is that of the normals and means nothing where those are not oriented.
+        total: tr(WᵀW) = κ₁² + κ₂², (..., N).
+        principal: (..., N, 2), κ_min then κ_max.
+        directions: (..., N, 2, 3), unit vectors belonging to `principal`; signs are arbitrary, and at umbilics any
+            tangent basis is right.
+        area: (..., N), tangent Voronoi areas (or the samples' own).
+        normals: (..., N, 3), unit.
+        is_boundary: (..., N) bool, the surface ends beside this point.
+        neighbors: (B·N, k) indices into the merged point list.
+    """
+
+    gaussian: Tensor
+    mean: Tensor
+    total: Tensor
+    principal: Tensor
+    directions: Tensor
+    area: Tensor
+    normals: Tensor
+    is_boundary: Tensor
+    neighbors: Tensor
+
+
+def surface_curvature(
+    samples: SurfaceSamples,
+    n_neighbors: int = DEFAULT_NEIGHBORS,
+    *,
+    solver: Solver = "sylvester",
+    area_method: AreaMethod = "exact",
+    area_resolution: int = 32,
+    neighbors: Tensor | None = None,
+) -> Curvature:
+    """Curvature and area element at every sample (Algorithm 2, steps 2 to 6).
+
+    Neighbours that stand at more than 45° over the tangent plane are left out: they lie on another sheet. The paper
+    keeps them; on thin parts that halves the area.
+
+    Args:
+        samples: N points, with normals or frames if they are known.
+        n_neighbors: k; more smooths more.
+        solver: see `weingarten_map`.
+        area_method: see `cell_areas`; ignored where the samples bring their areas.
+        area_resolution: side of the Monte Carlo grid.
+        neighbors: (B·N, k) indices from an earlier call, so that they need not be searched again.
+
+    Returns:
+        `Curvature`, differentiable in points, normals, frames and areas. Neighbour indices are fixed: where a step
+        changes them the value jumps.
+
+    Raises:
+        InputError: if there are too few points.
+    """
+    flat = samples.flat()
+    if neighbors is None:
+        neighbors = flat_neighbors(samples.points, n_neighbors)
+    frames = _frames(flat, neighbors)
+
+    def local(rows: Tensor) -> tuple[Tensor, ...]:
+        index = neighbors[rows]  # (m, k)
+        basis = frames[rows, :2]  # (m, 2, 3)
+        normal = frames[rows, 2].unsqueeze(-2)  # (m, 1, 3)
+        offsets = flat.points[index] - flat.points[rows].unsqueeze(-2)  # (m, k, 3)
+        tangent = offsets @ basis.mT  # (m, k, 2)
+        around = frames[:, 2][index]  # (m, k, 3)
+        if not samples.oriented:
+            around = torch.where(around @ normal.mT < 0, -around, around)
+        height = (offsets @ normal.mT).detach()
+        same_sheet = height.square() <= squared_norm(tangent.detach()).unsqueeze(-1)
+        tangent = tangent * same_sheet  # a neighbour moved to the centre takes part in nothing
+        normal_change = (around - normal) @ basis.mT * same_sheet
+        shape_operator = weingarten_map(tangent, normal_change, solver)
+        areas, is_open = cell_areas(tangent, area_method, area_resolution)
+        return shape_operator, areas, is_open
+
+    shape_operator, areas, is_open = in_chunks(local, len(neighbors), neighbors.device)
+    symmetric = (shape_operator + shape_operator.mT) / 2  # as it is already, but for the commuting solver
+    lead = samples.points.shape[:-1]
+    return Curvature(
+        gaussian=determinant(shape_operator).reshape(lead),
+        mean=trace(shape_operator).reshape(lead) / 2,
+        total=shape_operator.square().sum((-2, -1)).reshape(lead),
+        principal=eigenvalues(symmetric).reshape(*lead, 2),
+        directions=(eigenvectors(symmetric) @ frames[:, :2]).reshape(*lead, 2, 3),
+        area=areas.reshape(lead) if samples.areas is None else samples.areas,
+        normals=frames[:, 2].reshape(*lead, 3),
+        is_boundary=is_open.reshape(lead),
+        neighbors=neighbors,
+    )
+
+
+def _frames(flat: SurfaceSamples, neighbors: Tensor) -> Tensor:
+    """Frames (B·N, 3, 3) from whatever the samples bring: frames, normals, or points alone."""
+    if flat.frames is not None:
+        return flat.frames
+
+    def local(rows: Tensor) -> tuple[Tensor]:
+        offsets = flat.points[neighbors[rows]] - flat.points[rows].unsqueeze(-2)
+        if flat.normals is None:
+            return (frames_from_neighbors(offsets),)
+        return (frames_from_normals(flat.normals[rows], offsets),)
+
+    return in_chunks(local, len(neighbors), neighbors.device)[0]

@@ -1,0 +1,1 @@
+"""Triangle meshes: combinatorial topology, sampling, winding numbers."""

@@ -1,0 +1,63 @@
+"""The solid that a triangle mesh encloses, whatever state the mesh is in, by its winding number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from topokit.core.grid.euler import solid_euler
+from topokit.core.grid.splines import make_grid
+from topokit.core.grid.winding_field import winding_field
+from topokit.core.mesh.sampling import sample_triangles
+
+_SAMPLES = 50_000
+_LARGEST_GRID = 128**3
+
+
+@dataclass(frozen=True)
+class EnclosedSolid:
+    """The region where the mesh's winding number exceeds one half.
+
+    Attributes:
+        euler: Euler characteristic of its surface.
+        off_level: share of the mesh's area that is not a surface of that region: what lies inside it, overlaps, or
+            bounds walls thinner than the grid.
+        cell: grid step, in units of the vertices.
+    """
+
+    euler: int
+    off_level: float
+    cell: float
+
+
+def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
+    """Sample a mesh densely and ask the winding-number field of the samples.
+
+    Unlike V − E + F this does not mind holes, soups of triangles, doubled or intersecting parts, as long as faces are
+    oriented; and unlike it it sees nothing smaller than two grid steps.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3) int64.
+
+    Raises:
+        InputError: if the mesh has no area or no extent.
+
+    Reference:
+        Jacobson et al. 2013, DOI 10.1145/2461912.2461916 (generalized winding numbers); the field is that of
+        `winding_field`.
+    """
+    vertices = vertices.detach().cpu().double()
+    centre = (vertices[faces.cpu()].amin((0, 1)) + vertices[faces.cpu()].amax((0, 1))) / 2
+    samples, _ = sample_triangles(vertices - centre, faces.cpu(), _SAMPLES)
+    corners = vertices[faces.cpu()]
+    cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
+    area = float(cross.norm(dim=-1).sum()) / 2 / _SAMPLES
+    points = samples.points.float()
+    normals = (samples.normals if samples.normals is not None else points).float()
+    grid = make_grid(points, area**0.5, 1.0, _LARGEST_GRID)
+    field = winding_field(points, normals, torch.full_like(points[:, 0], area), grid)
+    off_level = ((field.sample(points) - 0.5).abs() > 0.3).double().mean()
+    return EnclosedSolid(2 * int(solid_euler(field.values, 0.5)), float(off_level), grid.cell)

@@ -1,0 +1,1 @@
+"""Shapes written to files and converted to other libraries."""

@@ -1,0 +1,1 @@
+"""What users pass in: files, arrays, and objects of other libraries."""

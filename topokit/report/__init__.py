@@ -1,0 +1,1 @@
+"""From measurements to a report: evidence, verdict and wording."""

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from topokit.core.cloud.witness import Witness
 from topokit.core.grid.field import Field, euler_of_field
-from topokit.core.local.boundary import euler_of_boundary
+from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.self_optimization import corrected, self_optimize
@@ -20,9 +20,9 @@ from topokit.core.local.weingarten import Solver
 from topokit.core.mesh.enclosed_solid import enclosed_solid
 from topokit.core.samples import SurfaceSamples, enough_samples
 from topokit.errors import InputError
-from topokit.report.report import Evidence, ExactAnswer, TopologyReport, known_genus
+from topokit.report.report import CountedAnswer, Evidence, TopologyReport, known_genus
 from topokit.report.sampled import Measured, exact_report, sampled_report
-from topokit.report.witnesses import Answer, Ends, ask_witnesses, find_ends, outward_samples, vote_evidence
+from topokit.report.witnesses import Answer, ask_witnesses, is_sheet, outward_samples, vote_evidence
 
 EulerMethod = Literal["gauss-bonnet", "field"]
 UNNAMED = "shape"
@@ -44,7 +44,7 @@ class Shape:
     def __init__(
         self,
         samples: SurfaceSamples | Callable[[], SurfaceSamples],
-        exact: ExactAnswer | Callable[[], ExactAnswer] | None = None,
+        exact: CountedAnswer | Callable[[], CountedAnswer] | None = None,
         *,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
@@ -60,7 +60,7 @@ class Shape:
         self._exact = exact
         self._samples = samples if callable(samples) else enough_samples(samples, n_neighbors, name)
         self._witnessed: list[Answer] | None = None
-        self._ends_found: list[Ends] | None = None
+        self._ends_found: list[BoundaryEstimate] | None = None
 
     @property
     def samples(self) -> SurfaceSamples:
@@ -70,7 +70,7 @@ class Shape:
         return self._samples
 
     @property
-    def exact(self) -> ExactAnswer | None:
+    def exact(self) -> CountedAnswer | None:
         """The combinatorial answer, found when it is first asked for, or None."""
         if callable(self._exact):
             self._exact = self._exact()
@@ -228,7 +228,7 @@ class Shape:
         started = time.perf_counter()
         local = self.curvature()
         ends = self._ends(local)[0]
-        estimate = float(euler_characteristic(local.gaussian, local.area)) + euler_of_boundary(ends.curves)
+        estimate = float(euler_characteristic(local.gaussian, local.area)) + ends.euler
         evidence = [Evidence("Gauss–Bonnet", estimate, None, time.perf_counter() - started)]
         witness, refusal = None, ""
         if self.exact is None:
@@ -253,19 +253,25 @@ class Shape:
         """Known without work: for a shape that is given by a field the samples are asked, not the counting."""
         return self.field is None and self.exact is not None and self.exact.closed
 
-    def _ends(self, local: Curvature) -> list[Ends]:
+    def _ends(self, local: Curvature) -> list[BoundaryEstimate]:
         """Where the surface ends, per batch item, looked for once."""
         if self._ends_found is None:
             if self._is_exactly_closed():
                 n_items = self.samples.points[..., 0, 0].numel()
-                self._ends_found = [Ends((), 0.0, float(local.area.detach().mean().sqrt()))] * n_items
+                self._ends_found = [BoundaryEstimate((), 0.0, float(local.area.detach().mean().sqrt()))] * n_items
             else:
-                self._ends_found = find_ends(self.samples, local)
+                n_points = self.samples.n_points
+                items = self.samples.points.detach().reshape(-1, n_points, 3)
+                index = local.neighbors.reshape(len(items), n_points, -1)
+                self._ends_found = [
+                    estimate_boundary(points, rows - item * n_points)
+                    for item, (points, rows) in enumerate(zip(items, index, strict=True))
+                ]
         return self._ends_found
 
     def _boundary(self, local: Curvature) -> Tensor:
         """The boundary's share of χ, (...)."""
-        shares = [euler_of_boundary(ends.curves) for ends in self._ends(local)]
+        shares = [ends.euler for ends in self._ends(local)]
         return local.area.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 
     def _witnesses(self, local: Curvature) -> list[Answer]:
@@ -282,7 +288,7 @@ class Shape:
         if self.exact is not None and self.exact.evidence.integer is not None:
             return local.area.new_tensor(self.exact.evidence.integer)
         found = self._witnesses(local)
-        if any(ends.curves and ends.is_sheet(one) for ends, one in zip(self._ends(local), found, strict=True)):
+        if any(ends.curves and is_sheet(ends, one) for ends, one in zip(self._ends(local), found, strict=True)):
             return None
         if any(isinstance(one, InputError) for one in found):
             return None

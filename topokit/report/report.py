@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any
 
 from topokit.core.components import SurfaceComponent
 from topokit.errors import GenusError
-
-Verdict = Literal["certain", "likely", "unsure"]
+from topokit.report.verdict import Verdict
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Evidence:
 
 
 @dataclass(frozen=True)
-class ExactAnswer:
+class CountedAnswer:
     """A combinatorial answer that an adapter brings along.
 
     Attributes:

@@ -11,22 +11,22 @@ from torch import Tensor
 
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent
-from topokit.core.local.boundary import BoundaryCurve, euler_of_boundary
+from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
 from topokit.core.local.curvature import Curvature
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.report.report import (
+    CountedAnswer,
     Evidence,
-    ExactAnswer,
     TopologyReport,
-    Verdict,
     betti_numbers,
     count_cavities,
     sum_genus,
 )
-from topokit.report.witnesses import Ends
+from topokit.report.verdict import Verdict
+from topokit.report.witnesses import is_sheet
 
 _OVERLAP = 0.04  # share of a closed mesh's area off its own solid from which it is said to overlap itself
 _GAPS = 0.05  # share of samples with neighbours on one side only that closed surfaces do not reach
@@ -48,7 +48,7 @@ class Measured:
     """
 
     local: Curvature
-    ends: Ends
+    ends: BoundaryEstimate
     estimate: float
     refined: float | None
     witness: Witness | None
@@ -57,7 +57,7 @@ class Measured:
     solid: EnclosedSolid | None = None
 
 
-def exact_report(name: str, notes: tuple[str, ...], exact: ExactAnswer, measured: Measured) -> TopologyReport:
+def exact_report(name: str, notes: tuple[str, ...], exact: CountedAnswer, measured: Measured) -> TopologyReport:
     """The report of a shape that carries a combinatorial answer."""
     closed, components = exact.closed, exact.components
     reasons = notes + exact.reasons
@@ -113,7 +113,7 @@ def sampled_report(name: str, notes: tuple[str, ...], points: Tensor, measured: 
                 *reasons,
             )
     else:
-        integer = round(measured.estimate) if measured.ends.is_sheet(witness) else witness.euler
+        integer = round(measured.estimate) if is_sheet(measured.ends, witness) else witness.euler
         reasons = ()
     if curves:
         reasons = (_where_open(points, local, curves, spacing), *reasons)
@@ -166,7 +166,7 @@ def solid_components(points: Tensor, witness: Witness) -> tuple[SurfaceComponent
 
 
 def _curvature_sentence(measured: Measured, n_points: int) -> str:
-    boundary = euler_of_boundary(measured.ends.curves)
+    boundary = measured.ends.euler
     share = f", {boundary:.2f} of it from the boundary's turning" if measured.ends.curves else ""
     return f"Curvature over {n_points} samples sums to χ ≈ {measured.estimate:.2f}{share}."
 

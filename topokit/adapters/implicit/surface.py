@@ -12,11 +12,12 @@ from topokit.adapters.implicit.function import FunctionField, LevelFunction, out
 from topokit.adapters.implicit.progress import progress
 from topokit.core.grid.surfaces import grid_surfaces
 from topokit.core.implicit.adaptive_grid import FieldGrid, dense_grid, refine
-from topokit.core.implicit.convergence import SettledCount, settle
+from topokit.core.implicit.convergence import settle
 from topokit.core.implicit.level_set import ImplicitPoint, grid_starts, implicit_curvature, project
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-from topokit.report.report import Evidence, ExactAnswer
+from topokit.report.function import function_answer
+from topokit.report.report import CountedAnswer
 from topokit.shape import Shape
 
 Corner = tuple[float, float, float]
@@ -106,30 +107,14 @@ class ImplicitSurface:
         points, normals = (torch.cat(column) for column in zip(*kept, strict=True))
         return points, normals
 
-    def answer(self) -> ExactAnswer:
+    def answer(self) -> CountedAnswer:
         """The integer, from grids that are refined to the shape's resolution."""
         started = time.perf_counter()
         function, finest = self.function, self.settings.resolution
         with progress(function, finest) as advance:
             found = settle(self.coarse(), function.without_graph, finest, advance)
         components = grid_surfaces(found.grid.values > 0, CONNECTIVITY, found.grid.spacing, found.grid.origin)
-        faces = _face_names(found.faces, self.low, self.high)
-        likely = found.is_settled and not faces and sum(one.euler or 0 for one in components) == found.euler
-        finest_count = found.counts[-1]
-        return ExactAnswer(
-            evidence=Evidence(
-                f"grids of {found.counts[0].n_cells} to {finest_count.n_cells} cells",
-                float(finest_count.euler_6),
-                found.euler,
-                time.perf_counter() - started,
-            ),
-            components=components,
-            closed=not faces,
-            boundary_loops=None if faces else 0,
-            verdict="likely" if likely else "unsure",
-            reasons=_reasons(found, faces, likely),
-            resolution=2 * found.counts[max(0, len(found.counts) - 3)].step,
-        )
+        return function_answer(found, components, self.low, self.high, time.perf_counter() - started)
 
 
 def _at_least_float32(points: Tensor, normals: Tensor) -> SurfaceSamples:
@@ -182,42 +167,5 @@ def _check_signs(values: Tensor, function: LevelFunction, low: Corner, high: Cor
         )
 
 
-def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner) -> list[str]:
-    return [
-        f"{letter} = {corner:g}"
-        for letter, pair, corners in zip("xyz", faces, zip(low, high, strict=True), strict=True)
-        for reached, corner in zip(pair, corners, strict=True)
-        if reached
-    ]
-
-
 def _corner(values: Corner) -> str:
     return "(" + ", ".join(f"{value:g}" for value in values) + ")"
-
-
-def _reasons(found: SettledCount, faces: list[str], likely: bool) -> tuple[str, ...]:
-    counts = found.counts
-    lines = [f"Surface χ by counting on grids: {'; '.join(str(count) for count in counts)}."]
-    if faces:
-        lines.append(
-            f"The zero set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
-            "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
-        )
-    if found.is_settled:
-        lines.append(
-            f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
-            "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
-            f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
-        )
-    else:
-        seen = sorted({value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.moved))
-        lines.append(
-            f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
-            "those with the level moved by up to a tenth of a cell's change included; features near "
-            f"{counts[-1].step:.3g} decide."
-        )
-    if not likely and found.is_settled and not faces:
-        lines.append("The surfaces of the grid that is kept do not add up to that integer.")
-    share = found.n_evaluations / found.n_points
-    lines.append(f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.")
-    return tuple(lines)

@@ -21,7 +21,7 @@ from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, as_tensor
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import triangles_of
-from topokit.report.report import Evidence, ExactAnswer, Verdict
+from topokit.report.mesh import mesh_answer
 from topokit.shape import Shape
 
 Vertices = Tensor | ArrayLike
@@ -68,7 +68,7 @@ def from_mesh(
     started = time.perf_counter()
     coordinates = vertices.detach().cpu().double().numpy()
     counted = _count(coordinates, _checked(faces, coordinates))
-    answer = _answer(counted, time.perf_counter() - started)
+    answer = mesh_answer(counted.topology, time.perf_counter() - started, exact_vertices=counted.beyond_doubt)
     used = torch.from_numpy(counted.topology.faces).to(vertices.device)
     samples, _ = sample_triangles(vertices, used, n_samples, generator)
     return Shape(samples, answer, mesh=(vertices, used), name=name, notes=counted.notes, n_neighbors=n_neighbors)
@@ -208,52 +208,3 @@ def _merge(vertices: NDArray[np.float64], faces: NDArray[np.int64], tolerance: f
     renamed = np.arange(len(vertices))
     renamed[used] = representative
     return renamed[faces], int((representative != used).sum())
-
-
-def _answer(counted: _Counted, seconds: float) -> ExactAnswer:
-    topology = counted.topology
-    verdict: Verdict = "unsure"
-    if topology.is_closed:
-        verdict = "certain" if counted.beyond_doubt else "likely"
-    return ExactAnswer(
-        evidence=Evidence("V − E + F", float(topology.euler), topology.euler, seconds),
-        components=topology.components,
-        closed=topology.is_closed,
-        boundary_loops=topology.boundary_loops if topology.is_manifold else None,
-        verdict=verdict,
-        reasons=_reasons(topology),
-    )
-
-
-def _reasons(topology: MeshTopology) -> tuple[str, ...]:
-    parts = _plural(len(topology.components), "component")
-    if topology.is_closed:
-        lines = [
-            f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact."
-        ]
-    else:
-        lines = [f"The mesh is not a closed manifold; its V − E + F as it stands is {topology.euler} over {parts}."]
-    if topology.boundary_edges:
-        loops = _plural(topology.boundary_loops, "boundary loop")
-        lines.append(f"It is open: {_plural(topology.boundary_edges, 'edge')} in {loops} have only one face.")
-    if topology.nonmanifold_edges:
-        lines.append(f"{_plural(topology.nonmanifold_edges, 'edge')} with three or more faces (non-manifold).")
-    if topology.pinched_vertices:
-        lines.append(
-            f"{_plural(topology.pinched_vertices, 'vertex', 'vertices')} where separate fans of faces touch (pinched)."
-        )
-    if topology.flipped_faces:
-        lines.append(
-            f"{_plural(topology.flipped_faces, 'face')} turned against the others (flipped); V − E + F does not mind."
-        )
-    if topology.inward_components:
-        lines.append(
-            f"{_plural(topology.inward_components, 'closed component')} facing inward, turned for the normals."
-        )
-    if not topology.is_orientable:
-        lines.append("The surface is one-sided (not orientable), so it has no genus in the usual sense.")
-    return tuple(lines)
-
-
-def _plural(count: int, one: str, many: str | None = None) -> str:
-    return f"{count} {one if count == 1 else many or one + 's'}"

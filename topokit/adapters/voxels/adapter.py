@@ -19,7 +19,8 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file
-from topokit.report.report import Evidence, ExactAnswer
+from topokit.report.report import CountedAnswer
+from topokit.report.volume import volume_answer
 from topokit.shape import Shape
 
 Position = tuple[float, float, float]
@@ -202,48 +203,11 @@ def _range(values: Tensor) -> tuple[float, float]:
     return float(min(part.min() for part in parts)), float(max(part.max() for part in parts))
 
 
-def _touched_faces(inside: Tensor) -> list[str]:
-    return [
-        f"{'first' if end == 0 else 'last'} layer along axis {axis}"
-        for axis in range(3)
-        for end in (0, -1)
-        if bool(inside.select(axis, end).any())
-    ]
-
-
-def _answer(field: VoxelField) -> ExactAnswer:
+def _answer(field: VoxelField) -> CountedAnswer:
     started = time.perf_counter()
     euler = int(field.exact_euler())
     seconds = time.perf_counter() - started
     inside = field.inside()
     components = grid_surfaces(inside, field.connectivity, field.spacing, field.origin)
-    other = 32 - field.connectivity
-    other_euler = int(field.exact_euler(other))
-    solids = sum(1 for one in components if one.depth is not None and one.depth % 2 == 0)
-    reasons = [
-        f"χ = {euler} is exact with {field.connectivity}-connected foreground and {other}-connected background: "
-        f"{int(inside.sum())} voxels in {_plural(solids, 'component')}, bounded by "
-        f"{_plural(len(components), 'closed surface')}."
-    ]
-    if other_euler != euler:
-        reasons.append(
-            f"With {other}-connected foreground it would be {other_euler}: the volume is ambiguous by itself."
-        )
-    touched = _touched_faces(inside)
-    if touched:
-        reasons.append(
-            f"The solid is cut by the volume's border ({', '.join(touched)}) and was closed there, as if there were "
-            "background beyond; if it continues in reality, that changes the answer."
-        )
-    return ExactAnswer(
-        evidence=Evidence(f"count of cells, {field.connectivity}-connected", float(euler), euler, seconds),
-        components=components,
-        closed=True,
-        boundary_loops=0,
-        verdict="certain",
-        reasons=tuple(reasons),
-    )
-
-
-def _plural(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
+    other_euler = int(field.exact_euler(32 - field.connectivity))
+    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)

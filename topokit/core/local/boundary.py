@@ -14,6 +14,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.linalg import normalize, tangent_basis
+from topokit.core.local.curvature import surface_curvature
+from topokit.core.samples import SurfaceSamples
 
 _LEAST_LOOP = 20  # points, and spacings of length, of the smallest hole that stands out of the noise
 _CLOSING = 0.2  # share of a path's length that its ends may be apart
@@ -57,6 +59,51 @@ class BoundaryCurve:
     index: Tensor
     length: float
     turning: float
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryEstimate:
+    """The boundary of one sampled surface.
+
+    Attributes:
+        curves: closed boundary curves, longest first.
+        rim_share: share of samples with neighbors on one side only.
+        spacing: typical distance between neighboring samples, in units of length.
+    """
+
+    curves: tuple[BoundaryCurve, ...]
+    rim_share: float
+    spacing: float
+
+    @property
+    def euler(self) -> float:
+        """The boundary's share of χ: Σ ∮ k_g ds / 2π."""
+        return sum(curve.turning for curve in self.curves) / (2 * math.pi)
+
+    @property
+    def length(self) -> float:
+        """Total length of the curves, in units of length."""
+        return sum(curve.length for curve in self.curves)
+
+
+def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
+    """The boundary curves of samples, from positions alone: input normals mislead on thin parts.
+
+    Args:
+        points: (N, 3), any float dtype and device.
+        neighbors: (N, k) indices.
+
+    Returns:
+        `BoundaryEstimate`. Not differentiable.
+    """
+    with torch.no_grad():
+        points = points.detach()
+        plain = surface_curvature(SurfaceSamples(points), neighbors=neighbors)
+        rim = rim_points(points, plain.normals, neighbors)
+        spacing = float(plain.area.mean().sqrt())
+        return BoundaryEstimate(
+            boundary_curves(points, plain.normals, rim, spacing), float(rim.double().mean()), spacing
+        )
 
 
 def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:
@@ -144,8 +191,3 @@ def _smoothed(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
         padded = np.concatenate((values[-half:], values, values[:half])) if half else values
         values = np.stack([np.convolve(column, kernel, mode="valid") for column in padded.T], axis=1)
     return values
-
-
-def euler_of_boundary(curves: tuple[BoundaryCurve, ...]) -> float:
-    """The boundary's share of χ: Σ ∮ k_g ds / 2π."""
-    return sum(curve.turning for curve in curves) / (2 * math.pi)

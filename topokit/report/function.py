@@ -1,0 +1,81 @@
+"""The answer of a function's level set: counts on grids that are refined until they agree."""
+
+from __future__ import annotations
+
+from topokit.core.components import Corner, SurfaceComponent
+from topokit.core.implicit.convergence import SettledCount
+from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.verdict import function_verdict
+
+
+def function_answer(
+    found: SettledCount,
+    components: tuple[SurfaceComponent, ...],
+    low: Corner,
+    high: Corner,
+    seconds: float,
+) -> CountedAnswer:
+    """The counted answer of a level set in a box.
+
+    Args:
+        found: counts on grids of growing resolution.
+        components: closed surfaces on the grid that was kept.
+        low: lowest corner of the box.
+        high: highest corner of the box.
+        seconds: time the counts took.
+    """
+    faces = _face_names(found.faces, low, high)
+    adds_up = sum(one.euler or 0 for one in components) == found.euler
+    verdict = function_verdict(found.is_settled, reaches_box=bool(faces), adds_up=adds_up)
+    finest = found.counts[-1]
+    return CountedAnswer(
+        evidence=Evidence(
+            f"grids of {found.counts[0].n_cells} to {finest.n_cells} cells",
+            float(finest.euler_6),
+            found.euler,
+            seconds,
+        ),
+        components=components,
+        closed=not faces,
+        boundary_loops=None if faces else 0,
+        verdict=verdict,
+        reasons=_reasons(found, faces, verdict == "likely"),
+        resolution=2 * found.counts[max(0, len(found.counts) - 3)].step,
+    )
+
+
+def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner) -> list[str]:
+    return [
+        f"{letter} = {corner:g}"
+        for letter, pair, corners in zip("xyz", faces, zip(low, high, strict=True), strict=True)
+        for reached, corner in zip(pair, corners, strict=True)
+        if reached
+    ]
+
+
+def _reasons(found: SettledCount, faces: list[str], likely: bool) -> tuple[str, ...]:
+    counts = found.counts
+    lines = [f"Surface χ by counting on grids: {'; '.join(str(count) for count in counts)}."]
+    if faces:
+        lines.append(
+            f"The zero set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
+            "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
+        )
+    if found.is_settled:
+        lines.append(
+            f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
+            "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
+            f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
+        )
+    else:
+        seen = sorted({value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.moved))
+        lines.append(
+            f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
+            "those with the level moved by up to a tenth of a cell's change included; features near "
+            f"{counts[-1].step:.3g} decide."
+        )
+    if not likely and found.is_settled and not faces:
+        lines.append("The surfaces of the grid that is kept do not add up to that integer.")
+    share = found.n_evaluations / found.n_points
+    lines.append(f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.")
+    return tuple(lines)

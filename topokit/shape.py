@@ -12,7 +12,7 @@ from torch import Tensor
 from topokit.core.cloud.witness import Witness
 from topokit.core.grid.field import Field, euler_of_field
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.self_optimization import corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
@@ -101,13 +101,8 @@ class Shape:
             `Curvature`, differentiable with respect to whatever the shape was made from. H is positive where the
             surface bends towards its inside; without oriented normals its sign means nothing.
         """
-        return surface_curvature(
-            self.samples,
-            n_neighbors or self.n_neighbors,
-            solver=solver,
-            area_method=area_method,
-            area_resolution=area_resolution,
-        )
+        settings = CurvatureSettings(n_neighbors or self.n_neighbors, solver, area_method, area_resolution)
+        return surface_curvature(self.samples, settings)
 
     def euler(
         self,
@@ -153,17 +148,17 @@ class Shape:
             return euler_of_field(self.field, tau, self.name)
         if method != "gauss-bonnet" or tau is not None:
             raise InputError(f"method={method!r} with tau={tau}: use 'gauss-bonnet' without tau, or 'field'.")
-        k = n_neighbors or self.n_neighbors
-        local = surface_curvature(self.samples, k, solver=solver)
+        settings = CurvatureSettings(n_neighbors or self.n_neighbors, solver)
+        local = surface_curvature(self.samples, settings)
         boundary = self._boundary(local)
         goal = self._targets(target, local) if refine else None
         if goal is None:
             return euler_characteristic(local.gaussian, local.area) + boundary
         oriented = self._with_normals(local)
         refinement = self_optimize(
-            oriented, goal - boundary, max_steps=max_steps, n_neighbors=k, solver=solver, neighbors=local.neighbors
+            oriented, goal - boundary, settings=settings, max_steps=max_steps, neighbors=local.neighbors
         )
-        refined = surface_curvature(corrected(oriented, refinement), k, solver=solver, neighbors=local.neighbors)
+        refined = surface_curvature(corrected(oriented, refinement), settings, neighbors=local.neighbors)
         return euler_characteristic(refined.gaussian, refined.area) + boundary
 
     def genus(self) -> int:
@@ -263,10 +258,7 @@ class Shape:
                 n_points = self.samples.n_points
                 items = self.samples.points.detach().reshape(-1, n_points, 3)
                 index = local.neighbors.reshape(len(items), n_points, -1)
-                self._ends_found = [
-                    estimate_boundary(points, rows - item * n_points)
-                    for item, (points, rows) in enumerate(zip(items, index, strict=True))
-                ]
+                self._ends_found = [estimate_boundary(points, rows) for points, rows in zip(items, index, strict=True)]
         return self._ends_found
 
     def _boundary(self, local: Curvature) -> Tensor:

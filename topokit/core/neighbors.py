@@ -41,12 +41,18 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
     return found.reshape(*points.shape[:-1], n_neighbors)
 
 
-def flat_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
-    """`nearest_neighbors` as rows of the merged point list: (B·N, k), each batch item's indices offset by its start."""
-    found = nearest_neighbors(points, n_neighbors)
-    n_points = points.shape[-2]
-    items = found.reshape(-1, n_points, n_neighbors)
-    starts = torch.arange(items.shape[0], device=points.device) * n_points
+def merged_neighbors(neighbors: Tensor) -> Tensor:
+    """Neighbor indices of batch items as rows of their merged point list.
+
+    Args:
+        neighbors: (..., N, k), indices within each batch item.
+
+    Returns:
+        (B·N, k), each item's indices offset by its first row.
+    """
+    n_points, n_neighbors = neighbors.shape[-2:]
+    items = neighbors.reshape(-1, n_points, n_neighbors)
+    starts = torch.arange(len(items), device=neighbors.device) * n_points
     return (items + starts[:, None, None]).reshape(-1, n_neighbors)
 
 

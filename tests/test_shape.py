@@ -96,7 +96,7 @@ def test_samples_along_scan_lines_are_not_believed() -> None:
     height = torch.linspace(-0.98, 0.98, 24, dtype=torch.float64).repeat_interleave(300)
     angle = torch.linspace(0, 6.28, 300, dtype=torch.float64).repeat(24)
     ring = (1 - height.square()).sqrt()
-    report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report(refine=False)
+    report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report()
     assert report.verdict == "unsure"
     assert any("one side only" in reason or "not closed" in reason for reason in report.reasons)
 

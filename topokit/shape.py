@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import os
-import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -17,14 +17,13 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.self_optimization import Step, Variable, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
-from topokit.core.mesh.enclosed_solid import enclosed_solid
 from topokit.core.samples import SurfaceSamples, enough_samples
 from topokit.errors import InputError
 from topokit.report.cloud import cloud_report
-from topokit.report.counted import Details, counted_report
-from topokit.report.examination import Examination
-from topokit.report.report import CountedAnswer, Evidence, TopologyReport, known_genus
-from topokit.report.verdict import is_open_sheet
+from topokit.report.counted import counted_report
+from topokit.report.details import with_details
+from topokit.report.examination import Examination, outward_samples, solid_eulers
+from topokit.report.report import CountedAnswer, TopologyReport, known_genus
 
 if TYPE_CHECKING:
     import trimesh
@@ -33,25 +32,6 @@ if TYPE_CHECKING:
 
 UNNAMED = "shape"
 _FEWEST_NEIGHBORS = 3  # fewer are refused by `nearest_neighbors`
-T = TypeVar("T")
-
-
-class _Lazy(Generic[T]):
-    """A value that is computed when it is first needed."""
-
-    def __init__(self, value: T | Callable[[], T]) -> None:
-        self._make = value if callable(value) else None
-        self._value = None if callable(value) else value
-
-    @property
-    def is_known(self) -> bool:
-        return self._make is None
-
-    def __call__(self) -> T:
-        if self._make is not None:
-            self._value = self._make()
-            self._make = None
-        return self._value  # type: ignore[return-value]
 
 
 class Shape:
@@ -61,8 +41,8 @@ class Shape:
     not copied: after an in-place change, such as an optimizer step, everything is measured anew.
 
     Attributes:
-        samples: points with normals, frames and areas as far as known; made when first needed.
-        counted: the counted answer, or None; found when first needed.
+        samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
+        counted: the counted answer or None; may be given as a function.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -70,7 +50,6 @@ class Shape:
         n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
     """
 
-    __slots__ = ("_counted", "_examined", "_samples", "_versions", "field", "mesh", "n_neighbors", "name", "notes")
     field: Field | None
     mesh: tuple[Tensor, Tensor] | None
     name: str
@@ -80,7 +59,7 @@ class Shape:
     def __init__(
         self,
         samples: SurfaceSamples | Callable[[], SurfaceSamples],
-        counted: CountedAnswer | Callable[[], CountedAnswer] | None = None,
+        counted: CountedAnswer | Callable[[], CountedAnswer | None] | None = None,
         *,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
@@ -88,40 +67,32 @@ class Shape:
         notes: tuple[str, ...] = (),
         n_neighbors: int = DEFAULT_NEIGHBORS,
     ) -> None:
+        own: dict[str, Any] = {"field": field, "mesh": mesh, "name": name, "notes": notes, "n_neighbors": n_neighbors}
+        own["_make_samples" if callable(samples) else "samples"] = samples
+        own["_make_counted" if callable(counted) else "counted"] = counted
         if not callable(samples):
             enough_samples(samples, n_neighbors, name)
-        self._set("_samples", _Lazy(samples))
-        self._set("_counted", _Lazy(counted))
-        self._set("_examined", None)
-        self._set("_versions", ())
-        self._set("field", field)
-        self._set("mesh", mesh)
-        self._set("name", name)
-        self._set("notes", notes)
-        self._set("n_neighbors", n_neighbors)
-
-    def _set(self, attribute: str, value: object) -> None:
-        object.__setattr__(self, attribute, value)
+        self.__dict__.update(own)  # attributes cannot be set one by one, see __setattr__
 
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a Shape is immutable: use shape.replace({attribute}=...) for a changed copy.")
 
     def __repr__(self) -> str:
-        counted = "counted, " if self._counted.is_known and self._counted() is not None else ""
-        count = f"{tuple(self.samples.points.shape)} samples" if self._samples.is_known else "no samples yet"
+        known = self.__dict__
+        counted = "counted, " if known.get("counted") is not None else ""
+        count = f"{tuple(self.samples.points.shape)} samples" if "samples" in known else "no samples yet"
         return f"Shape({self.name!r}, {counted}{count})"
 
-    @property
+    @cached_property
     def samples(self) -> SurfaceSamples:
-        """The samples (..., N, 3); made when first needed."""
-        if not self._samples.is_known:
-            enough_samples(self._samples(), self.n_neighbors, self.name)
-        return self._samples()
+        """The samples (..., N, 3), made when they are first needed."""
+        return enough_samples(self.__dict__["_make_samples"](), self.n_neighbors, self.name)
 
-    @property
+    @cached_property
     def counted(self) -> CountedAnswer | None:
-        """The counted answer, or None; found when first needed."""
-        return self._counted()
+        """The counted answer, found when it is first needed, or None."""
+        answer: CountedAnswer | None = self.__dict__["_make_counted"]()
+        return answer
 
     @property
     def device(self) -> torch.device:
@@ -143,8 +114,7 @@ class Shape:
         if unknown:
             raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
         other = copy.copy(self)
-        for attribute, value in changes.items():
-            other._set(attribute, value)
+        other.__dict__.update(changes)
         return other
 
     def to(self, *args: Any, **kwargs: Any) -> Shape:
@@ -152,16 +122,10 @@ class Shape:
 
         Arguments as for `torch.Tensor.to`. A field stays where it is.
         """
-        mesh = None if self.mesh is None else (self.mesh[0].to(*args, **kwargs), self.mesh[1])
-        return Shape(
-            self.samples.to(*args, **kwargs),
-            self._counted,
-            field=self.field,
-            mesh=None if mesh is None else (mesh[0], mesh[1].to(mesh[0].device)),
-            name=self.name,
-            notes=self.notes,
-            n_neighbors=self.n_neighbors,
-        )
+        samples, mesh = self.samples.to(*args, **kwargs), self.mesh
+        if mesh is not None:
+            mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
+        return self._with(samples, mesh)
 
     def curvature(
         self,
@@ -221,8 +185,8 @@ class Shape:
         *,
         over: Sequence[Variable] = ("normals",),
         step: Step = "polyak",
-        learning_rate: float | None = None,
-        max_steps: int | None = None,
+        learning_rate: float = 1e-3,
+        max_steps: int = 20,
         tolerance: float = 1e-3,
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
@@ -240,7 +204,7 @@ class Shape:
             over: what may change: "normals", "points", "areas".
             step: "polyak", or "gradient" for the paper's plain descent.
             learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
-            max_steps: largest number of steps; the default depends on `step`.
+            max_steps: largest number of steps.
             tolerance: distance from the target at which to stop.
             solver: as for `curvature`.
             area_method: as for `curvature`.
@@ -255,13 +219,13 @@ class Shape:
         settings = self._settings(n_neighbors, solver, area_method, area_resolution)
         local = self._curvature(settings)
         boundary = self._boundary_euler(local.area)
-        goal = self._target(target, local.area)
+        goal = self._target(local.area) if target is None else torch.as_tensor(target).to(local.area)
         if goal is None:
             return euler_characteristic(local.gaussian, local.area) + boundary
-        oriented = self._with_normals(local.normals)
+        oriented = outward_samples(self.samples, local.normals, self._examinations())
         refinement = self_optimize(
             oriented,
-            goal - boundary,
+            goal.expand(boundary.shape) - boundary,
             settings=settings,
             over=over,
             step=step,
@@ -316,16 +280,10 @@ class Shape:
             InputError: if the samples are batched.
         """
         if self.counted is not None:
-            more = self._details(self.counted.closed) if details else Details()
-            return counted_report(self.name, self.notes, self.counted, more)
-        if self.samples.points.ndim != 2:
-            raise InputError(
-                f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
-                "Ask euler() for all of them, or report() item by item."
-            )
-        (found,) = self._examinations()
-        more = self._details(not found.boundary.curves) if details else Details()
-        return cloud_report(self.name, self.notes, found, more)
+            report = counted_report(self.name, self.notes, self.counted)
+        else:
+            report = cloud_report(self.name, self.notes, self._only_examination())
+        return with_details(report, self) if details else report
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.
@@ -338,19 +296,11 @@ class Shape:
         """
         if self.samples.oriented:
             return self
-        for found in self._examinations():
-            if found.refusal is not None:
-                raise found.refusal
-        samples = self._with_normals(self.curvature().normals)
-        return Shape(
-            samples,
-            self._counted,
-            field=self.field,
-            mesh=self.mesh,
-            name=self.name,
-            notes=self.notes,
-            n_neighbors=self.n_neighbors,
-        )
+        found = self._examinations()
+        for one in found:
+            if one.refusal is not None:
+                raise one.refusal
+        return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
 
     def to_trimesh(self) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`, its vertices and faces as used for counting (nothing is merged).
@@ -384,61 +334,36 @@ class Shape:
 
     def _examinations(self) -> tuple[Examination, ...]:
         """The measurements of every batch item; made again if the tensors were changed in place."""
-        samples = self.samples
-        tensors = (samples.points, samples.normals, samples.frames, samples.areas)
-        versions = tuple(tensor._version for tensor in tensors if tensor is not None)
-        if self._examined is None or versions != self._versions:
+        versions, found = self.__dict__.get("_examined", (None, ()))
+        if versions != self.samples.versions():
             known_closed = self.field is None and self.counted is not None and self.counted.closed
-            self._set("_examined", tuple(Examination(item, known_closed=known_closed) for item in samples.items()))
-            self._set("_versions", versions)
-        return self._examined
+            versions = self.samples.versions()
+            found = tuple(Examination(item, known_closed=known_closed) for item in self.samples.items())
+            self.__dict__["_examined"] = versions, found
+        return found
+
+    def _only_examination(self) -> Examination:
+        if self.samples.points.ndim != 2:
+            raise InputError(
+                f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
+                "Ask euler() for all of them, or report() item by item."
+            )
+        return self._examinations()[0]
 
     def _boundary_euler(self, like: Tensor) -> Tensor:
         """The boundary's share of χ, (...)."""
         shares = [found.boundary.euler for found in self._examinations()]
         return like.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 
-    def _target(self, target: Tensor | float | None, like: Tensor) -> Tensor | None:
-        """What χ is to become, (...), or None if nothing is known."""
-        lead = self.samples.points.shape[:-2]
-        if target is not None:
-            return torch.as_tensor(target).to(like).expand(lead)
+    def _target(self, like: Tensor) -> Tensor | None:
+        """The integer of the count, else of the witness, 0-d or (...); None if there is neither."""
         if self.counted is not None and self.counted.evidence.integer is not None:
-            return like.new_tensor(self.counted.evidence.integer).expand(lead)
-        found = self._examinations()
-        if any(one.witness is None or (one.boundary.curves and is_open_sheet(one.boundary, one.witness)) for one in found):
-            return None
-        return like.new_tensor([one.witness.euler for one in found if one.witness is not None]).reshape(lead)
+            return like.new_tensor(self.counted.evidence.integer)
+        eulers = solid_eulers(self._examinations())
+        return None if eulers is None else like.new_tensor(eulers).reshape(self.samples.points.shape[:-2])
 
-    def _with_normals(self, normals: Tensor) -> SurfaceSamples:
-        """The samples with unit normals (..., N, 3), turned outward where the samples have no signs of their own."""
-        samples = self.samples
-        if samples.oriented:
-            return SurfaceSamples(samples.points, normals, areas=samples.areas)
-        rows = normals.reshape(-1, samples.n_points, 3)
-        turned = [found.outward(row) for found, row in zip(self._examinations(), rows, strict=True)]
-        known = [row for row in turned if row is not None]
-        if len(known) < len(turned):
-            return SurfaceSamples(samples.points, normals, areas=samples.areas, oriented=False)
-        return SurfaceSamples(samples.points, torch.stack(known).reshape(normals.shape), areas=samples.areas)
-
-    @torch.no_grad()
-    def _details(self, closed: bool) -> Details:
-        """Measurements that the integer does not need, with their times."""
-        rows = []
-
-        def timed(name: str, measure: Callable[[], float]) -> float:
-            started = time.perf_counter()
-            value = measure()
-            rows.append(Evidence(name, value, None, time.perf_counter() - started))
-            return value
-
-        estimate = timed("Gauss–Bonnet", lambda: float(self.euler())) if self.counted is not None else None
-        refined = timed("Gauss–Bonnet, self-optimized", lambda: float(self.refined_euler())) if closed else None
-        solid = None
-        if self.mesh is not None:
-            started = time.perf_counter()
-            solid = enclosed_solid(*self.mesh)
-            seconds = time.perf_counter() - started
-            rows.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
-        return Details(estimate, refined, solid, tuple(rows))
+    def _with(self, samples: SurfaceSamples, mesh: tuple[Tensor, Tensor] | None) -> Shape:
+        """A copy with other samples; a counted answer that is not known yet stays so."""
+        counted = self.__dict__.get("counted", self.__dict__.get("_make_counted"))
+        own = {key: getattr(self, key) for key in ("field", "name", "notes", "n_neighbors")}
+        return Shape(samples, counted, mesh=mesh, **own)

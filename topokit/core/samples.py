@@ -71,11 +71,20 @@ class SurfaceSamples:
         """The samples on another device or in another floating type; arguments as for `torch.Tensor.to`."""
         return self._map(lambda value, kept: value.to(*args, **kwargs))
 
+    def versions(self) -> tuple[int, ...]:
+        """Counters that change when a tensor is changed in place."""
+        tensors = (self.points, self.normals, self.frames, self.areas)
+        return tuple(tensor._version for tensor in tensors if tensor is not None)
+
     def items(self) -> tuple[SurfaceSamples, ...]:
         """The samples of each batch item, detached, in the order of the merged batch dimensions."""
         n_points = self.n_points
         merged = self._map(lambda value, kept: value.detach().reshape(-1, n_points, *value.shape[value.ndim - kept :]))
-        return tuple(merged._map(lambda value, kept: value[item]) for item in range(len(merged.points)))
+
+        def item(index: int) -> SurfaceSamples:
+            return merged._map(lambda value, kept: value[index])
+
+        return tuple(map(item, range(len(merged.points))))
 
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +19,6 @@ from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import check_sentences, preparation_sentences
-from topokit.report.counted import Details
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet
@@ -27,14 +27,13 @@ from topokit.report.wording import plural, position
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 
 
-def cloud_report(name: str, notes: tuple[str, ...], found: Examination, details: Details) -> TopologyReport:
+def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> TopologyReport:
     """The report of samples.
 
     Args:
         name: what was examined.
         notes: sentences about what was found or changed while opening it.
         found: the measurements.
-        details: measurements beside them.
     """
     witness = found.witness
     if found.boundary.curves:
@@ -46,12 +45,14 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, details:
     votes = vote_evidence(witness) if witness is not None else ()
     deciding = report.reasons if report.verdict == "unsure" else ()
     supporting = () if deciding else report.reasons
+    started = time.perf_counter()
+    estimate = Evidence("Gauss–Bonnet", found.estimate, None, time.perf_counter() - started)
     return replace(
         report,
         name=name,
         reasons=(*deciding, *notes, *supporting, _curvature_sentence(found)),
-        evidence=(Evidence("Gauss–Bonnet", found.estimate, None, 0.0), *votes, *details.evidence),
-        refined=details.refined,
+        evidence=(estimate, *votes),
+        estimate=estimate.value,
     )
 
 
@@ -128,7 +129,7 @@ def _report(
         verdict=verdict,
         reasons=reasons,
         evidence=(),
-        estimate=found.estimate,
+        estimate=None,
         refined=None,
         solid=None,
         resolution=_SMALLEST * found.boundary.spacing if witness is None else witness.resolution,

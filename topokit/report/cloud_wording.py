@@ -9,7 +9,10 @@ from topokit.report.wording import plural
 
 # name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
 _SENTENCES = {
-    "cuts": ("{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.", "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}."),
+    "cuts": (
+        "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
+        "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
+    ),
     "fields": (
         "{n_fields} of {fields} winding-number fields give χ = {euler}.",
         "Only {n_fields} of {fields} winding-number fields give χ = {euler}.",
@@ -24,8 +27,8 @@ _SENTENCES = {
     ),
     "crowded": (
         "{value:.2%} of the points see an opposite sheet within 1.5 sample spacings.",
-        "{value:.1%} of the points see an opposite sheet within 1.5 sample spacings: walls or gaps are thinner than the "
-        "samples resolve.",
+        "{value:.1%} of the points see an opposite sheet within 1.5 sample spacings: walls or gaps are thinner than "
+        "the samples resolve.",
     ),
     "crowded_wide": (
         "{value:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
@@ -43,8 +46,8 @@ _SENTENCES = {
     ),
     "rim": (
         "",
-        "{value:.0%} of the samples have neighbors on one side only: they lie along lines or around gaps, and the surface "
-        "between them is unknown.",
+        "{value:.0%} of the samples have neighbors on one side only: they lie along lines or around gaps, and the "
+        "surface between them is unknown.",
     ),
     "genus": ("", "χ = {euler} is too large for {surfaces}: no genus fits it."),
     "confirmed": (
@@ -76,7 +79,8 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     n_points, n_used = witness.n_points, witness.n_used
     if witness.is_downsampled:
         sentences.append(
-            f"Of {n_points} points, {n_used}, evenly spread, were used; features smaller than their spacing are not seen."
+            f"Of {n_points} points, {n_used}, evenly spread, were used; features smaller than their spacing are not "
+            "seen."
         )
     elif n_used < n_points:
         sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
@@ -86,7 +90,8 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     if signs.coverage is not None:
         what = "No normals were given; they" if signs.source == "none" else "The signs of the normals"
         sentences.append(
-            f"{what} were found from the points ({signs.coverage:.0%} of them lie on the surface that the result implies)."
+            f"{what} were found from the points ({signs.coverage:.0%} of them lie on the surface that the result "
+            "implies)."
         )
     return tuple(sentences)
 

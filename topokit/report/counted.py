@@ -2,45 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from topokit.core.components import SurfaceComponent
-from topokit.core.mesh.enclosed_solid import EnclosedSolid
-from topokit.report.report import Betti, CountedAnswer, Evidence, TopologyReport
-from topokit.report.verdict import overlaps
+from topokit.report.report import Betti, CountedAnswer, TopologyReport
 
 
-@dataclass(frozen=True)
-class Details:
-    """Measurements that the integer does not need.
-
-    Attributes:
-        estimate: χ⁽⁰⁾, or None if it was not computed.
-        refined: χ⁽ᴷ⁾, or None if it was not computed.
-        solid: what a mesh encloses by winding number, or None if it was not computed.
-        evidence: rows for the report.
-    """
-
-    estimate: float | None = None
-    refined: float | None = None
-    solid: EnclosedSolid | None = None
-    evidence: tuple[Evidence, ...] = ()
-
-
-def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer, details: Details) -> TopologyReport:
+def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) -> TopologyReport:
     """The report of a counted answer.
 
     Args:
         name: what was examined.
         notes: sentences about what was found or changed while opening it.
         counted: the answer.
-        details: measurements beside it.
     """
     components, closed = counted.components, counted.closed
     genus = sum_genus(components)
-    reasons = notes + counted.reasons
-    if details.solid is not None and (not closed or overlaps(details.solid.off_level)):
-        reasons = (*reasons, _solid_sentence(details.solid, closed))
     return TopologyReport(
         name=name,
         euler=counted.evidence.integer,
@@ -52,11 +27,11 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer, de
         boundary_loops=counted.boundary_loops,
         closed=closed,
         verdict=counted.verdict,
-        reasons=reasons,
-        evidence=(counted.evidence, *counted.further, *details.evidence),
-        estimate=details.estimate,
-        refined=details.refined,
-        solid=details.solid,
+        reasons=notes + counted.reasons,
+        evidence=(counted.evidence, *counted.further),
+        estimate=None,
+        refined=None,
+        solid=None,
         resolution=counted.resolution,
         per_component=components,
     )
@@ -82,10 +57,3 @@ def solid_betti(components: tuple[SurfaceComponent, ...]) -> Betti | None:
     """
     cavities, tunnels = count_cavities(components), sum_genus(components)
     return None if cavities is None or tunnels is None else (len(components) - cavities, tunnels, cavities)
-
-
-def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:
-    found = f"by winding number on a grid of step {solid.cell:.3g}, the solid it encloses has surface χ = {solid.euler}."
-    if not closed:
-        return f"As a solid: {found}"
-    return f"{solid.off_level:.0%} of the area lies off that solid's surface: it intersects or overlaps itself; {found}"

@@ -15,6 +15,7 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.report.verdict import is_open_sheet
 
 
 class Examination:
@@ -78,10 +79,24 @@ class Examination:
         found = self._witness_or_refusal
         return found if isinstance(found, InputError) else None
 
-    def outward(self, normals: Tensor) -> Tensor | None:
-        """Normals (N, 3) turned outward, differentiable; None if the points bound no solid."""
-        if self.witness is None:
-            return None
-        outward = torch.from_numpy(np.ascontiguousarray(self.witness.normals)).to(normals)
-        sides = (normals.detach() * outward).sum(-1, keepdim=True)
-        return torch.where(sides < 0, -1.0, 1.0).to(normals) * normals
+
+def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
+    """The integer of each batch item's witness; None if one bounds no solid or is an open sheet."""
+    eulers = [one.witness.euler for one in found if one.witness and not is_open_sheet(one.boundary, one.witness)]
+    return eulers if len(eulers) == len(found) else None
+
+
+def outward_samples(samples: SurfaceSamples, normals: Tensor, found: tuple[Examination, ...]) -> SurfaceSamples:
+    """Samples with unit normals (..., N, 3), turned outward where the samples have no signs of their own.
+
+    Differentiable in points and normals. If an item bounds no solid, all keep normals without signs.
+    """
+    if samples.oriented:
+        return SurfaceSamples(samples.points, normals, areas=samples.areas)
+    directions = [one.witness.normals for one in found if one.witness]
+    if len(directions) < len(found):
+        return SurfaceSamples(samples.points, normals, areas=samples.areas, oriented=False)
+    outward = torch.from_numpy(np.stack(directions)).to(normals).reshape(normals.shape)
+    sides = (normals.detach() * outward).sum(-1, keepdim=True)
+    sign = torch.where(sides < 0, -1.0, 1.0).to(normals)
+    return SurfaceSamples(samples.points, sign * normals, areas=samples.areas)

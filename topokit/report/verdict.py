@@ -60,7 +60,10 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             _ANALYTIC + "; scan lines on a sphere exceed it",
         ),
         "open_length": Threshold(
-            60, "sample spacings", "boundary length from which a cloud is an open sheet, not a solid with gaps", _ANALYTIC
+            60,
+            "sample spacings",
+            "boundary length from which a cloud is an open sheet, not a solid with gaps",
+            _ANALYTIC,
         ),
         "open_crowded": Threshold(
             0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from topokit.core.cloud.delaunay_cut import DelaunayComplex, cut_complex, delaunay_complex, surface_normals
-from topokit.core.cloud.downsampling import spread_signs, thin
+from topokit.core.cloud.downsampling import downsample, spread_signs
 from topokit.core.cloud.neighborhoods import (
     LocalGeometry,
     centered_positions,
@@ -80,7 +80,7 @@ def orient(points: ArrayLike, areas: ArrayLike | None = None) -> Orientation:
     """
     positions, unit_length = centered_positions(np.asarray(points, dtype=np.float64))
     scaled = None if areas is None else np.asarray(areas, dtype=np.float64) / unit_length**2
-    kept, kept_areas = thin(positions, scaled)
+    kept, kept_areas = downsample(positions, scaled)
     chosen = positions[kept]
     found = orient_samples(chosen, local_geometry(chosen, areas=kept_areas))
     if len(kept) == len(positions):

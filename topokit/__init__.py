@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from topokit.errors import TopokitError
     from topokit.losses.euler import EulerLoss, euler_loss
     from topokit.losses.monitor import TopologyMonitor
+    from topokit.losses.topology import TopologyLoss, topology_loss
     from topokit.plugins.adapter import Adapter
     from topokit.plugins.registry import list_adapters, load, register_adapter
     from topokit.report.report import Evidence, TopologyReport
@@ -33,6 +34,7 @@ _HOME = {
     "Shape": "topokit.shape",
     "SurfaceSamples": "topokit.core.samples",
     "TopokitError": "topokit.errors",
+    "TopologyLoss": "topokit.losses.topology",
     "TopologyMonitor": "topokit.losses.monitor",
     "TopologyReport": "topokit.report.report",
     "euler_loss": "topokit.losses.euler",
@@ -45,6 +47,7 @@ _HOME = {
     "list_adapters": "topokit.plugins.registry",
     "load": "topokit.plugins.registry",
     "register_adapter": "topokit.plugins.registry",
+    "topology_loss": "topokit.losses.topology",
 }
 
 __all__ = [
@@ -56,6 +59,7 @@ __all__ = [
     "Shape",
     "SurfaceSamples",
     "TopokitError",
+    "TopologyLoss",
     "TopologyMonitor",
     "TopologyReport",
     "euler_loss",
@@ -68,6 +72,7 @@ __all__ = [
     "list_adapters",
     "load",
     "register_adapter",
+    "topology_loss",
 ]
 
 

@@ -8,7 +8,8 @@ import torch
 
 from topokit.adapters.implicit.files import read_network
 from topokit.adapters.implicit.function import Function, FunctionField, LevelFunction
-from topokit.adapters.implicit.surface import CONNECTIVITY, Bounds, Corner, ImplicitSurface, Settings
+from topokit.adapters.implicit.surface import Bounds, Corner, ImplicitSurface, Settings
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.implicit.adaptive_grid import dense_grid
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
@@ -115,7 +116,7 @@ def _shape(source: object, bounds: Bounds | None, level: float, sign: int, setti
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     surface = ImplicitSurface(function, low, high, settings)
-    field = FunctionField(function, low, high, settings.field_resolution, CONNECTIVITY)
+    field = FunctionField(function, low, high, settings.field_resolution, DEFAULT_CONNECTIVITY)
     return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)
 
 

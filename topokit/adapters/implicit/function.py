@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.field import Field, checked_tau, median_step_at_crossings
+from topokit.core.grid.field import Field, checked_tau, default_tau
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
 
@@ -189,7 +189,7 @@ class FunctionField(Field):
     def euler(self, tau: float | None = None) -> Tensor:
         """See `Field.euler`; the grid is evaluated once, whether or not τ is given."""
         values = self.detached()
-        tau = checked_tau(median_step_at_crossings(values) if tau is None else tau)
+        tau = checked_tau(default_tau(values) if tau is None else tau)
         return self.smoothed_euler(tau, values) if tau > 0 else 2 * solid_euler(values, connectivity=self.connectivity)
 
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from topokit.adapters.implicit.function import FunctionField, LevelFunction, outward
 from topokit.adapters.implicit.progress import progress
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.surfaces import grid_surfaces
 from topokit.core.implicit.adaptive_grid import FieldGrid, dense_grid, refine
 from topokit.core.implicit.convergence import settle
@@ -22,7 +23,6 @@ from topokit.shape import Shape
 
 Corner = tuple[float, float, float]
 Bounds = tuple[Corner, Corner]
-CONNECTIVITY = 6  # of the shape's field; the integer is asked for in both
 _COARSEST = 64  # cells of the grid that is evaluated at every point
 
 
@@ -113,7 +113,7 @@ class ImplicitSurface:
         function, finest = self.function, self.settings.resolution
         with progress(function, finest) as advance:
             found = settle(self.coarse(), function.without_graph, finest, advance)
-        components = grid_surfaces(found.grid.values > 0, CONNECTIVITY, found.grid.spacing, found.grid.origin)
+        components = grid_surfaces(found.grid.values > 0, DEFAULT_CONNECTIVITY, found.grid.spacing, found.grid.origin)
         return function_answer(found, components, self.low, self.high, time.perf_counter() - started)
 
 

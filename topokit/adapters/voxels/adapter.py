@@ -12,7 +12,7 @@ from torch import Tensor
 
 from topokit.adapters.voxels.files import Spacing, read_volume
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.core.grid.euler import comparable, solid_euler
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, comparable, solid_euler
 from topokit.core.grid.field import Field
 from topokit.core.grid.surfaces import grid_surfaces
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
@@ -31,7 +31,7 @@ def from_voxels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
     spacing: float | Spacing | None = None,
     level: float | None = None,
-    connectivity: int = 26,
+    connectivity: int = DEFAULT_CONNECTIVITY,
     label: int | None = None,
     *,
     origin: Position = (0.0, 0.0, 0.0),

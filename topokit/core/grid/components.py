@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, sparse
 from torch import Tensor
 
-from topokit.core.grid.euler import as_grid, critical_index, solid_euler
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, as_grid, critical_index, solid_euler
 from topokit.errors import InputError
 
 Integers = NDArray[np.int64]
@@ -47,7 +47,7 @@ class GridComponent:
     touches_border: bool
 
 
-def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6) -> Tensor:
+def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
     """Betti numbers of the solid {field > level}: components, tunnels, cavities.
 
     Its surface has b0 + b2 components with total genus b1.
@@ -76,7 +76,7 @@ def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: i
 
 
 def grid_components(
-    field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6
+    field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY
 ) -> tuple[Tensor, list[GridComponent]]:
     """Components of the solid {field > level}, each with its own topology and its place among the others.
 

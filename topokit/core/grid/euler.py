@@ -40,13 +40,15 @@ from topokit.errors import InputError
 
 Compare = Callable[[Tensor, Tensor], Tensor]
 
+DEFAULT_CONNECTIVITY = 26  # of the solid, everywhere: volumes, fields of functions and samples, losses, monitors
+
 _AXES = (-1, -2, -3)  # in this order ties are broken lexicographically
 _WIDER = {torch.uint16: torch.int32, torch.uint32: torch.int64}
 _SLAB = 1 << 20  # bytes of the field handled at a time: few enough for cache and memory, enough to hide a call's cost
 _COUNT_SLAB = 1 << 22  # the same for the exact count, whose calls are the cheapest
 
 
-def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6) -> Tensor:
+def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
     """Exact Euler characteristic of the solid {field > level}; that of its surface is twice this.
 
     Memory beyond the field itself is bounded by a few slabs of layers.
@@ -73,7 +75,7 @@ def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int
     return total if connectivity == 6 else total - 1
 
 
-def critical_index(field: Tensor | ArrayLike, connectivity: int = 6) -> Tensor:
+def critical_index(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
     """Change of the solid's Euler characteristic as the falling level passes each voxel.
 
     Its sum over the voxels with field > t is `solid_euler(field, t)`, for every t. It is +1 where a component
@@ -105,7 +107,9 @@ def critical_index(field: Tensor | ArrayLike, connectivity: int = 6) -> Tensor:
     return index
 
 
-def smoothed_euler(field: Tensor, tau: float | Tensor, level: float = 0.0, connectivity: int = 6) -> Tensor:
+def smoothed_euler(
+    field: Tensor, tau: float | Tensor, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY
+) -> Tensor:
     """Euler characteristic of the *surface* of {field > t}, averaged over t ~ Logistic(level, tau); differentiable.
 
     This is 2 sum over cells of (-1)^dim sigmoid((f(cell) - level) / tau), f(cell) being the value at which the cell

@@ -7,8 +7,10 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import at_least_single, critical_index, smoothed_euler, solid_euler
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, at_least_single, critical_index, smoothed_euler, solid_euler
 from topokit.errors import InputError
+
+SMALLEST_TAU = 1e-30  # slopes go with 1 / τ, and single precision has to hold them
 
 
 class Field(ABC):
@@ -71,19 +73,11 @@ class Field(ABC):
         """χ of the surface of {values > 0} on the grid: the limit of χ_τ as τ → 0, a 0-d int64 tensor."""
         return 2 * solid_euler(self.values(), connectivity=self.connectivity)
 
-    def typical_change(self) -> float:
-        """The field's typical change over one cell where it changes its sign: the default of τ.
-
-        Raises:
-            InputError: if the field has the same sign at all grid points, so that there is no such cell.
-        """
-        return median_step_at_crossings(self.detached())
-
     def euler(self, tau: float | None = None) -> Tensor:
         """χ_τ of the field on its own grid, in its own connectivity.
 
         Args:
-            tau: scale of the levels, in units of the field; `typical_change()` if None. 0 gives the exact integer of
+            tau: scale of the levels, in units of the field; `default_tau` if None. 0 gives the exact integer of
                 the grid, without a gradient.
 
         Returns:
@@ -92,7 +86,7 @@ class Field(ABC):
         Raises:
             InputError: if τ is negative or not finite.
         """
-        tau = checked_tau(self.typical_change() if tau is None else tau)
+        tau = checked_tau(default_tau(self.detached()) if tau is None else tau)
         return self.smoothed_euler(tau) if tau > 0 else self.exact_euler()
 
 
@@ -104,7 +98,7 @@ class GridField(Field):
         values: Tensor,
         origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
         spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
-        connectivity: int = 6,
+        connectivity: int = DEFAULT_CONNECTIVITY,
     ) -> None:
         super().__init__(origin, spacing, tuple(values.shape), connectivity)
         self._values = values
@@ -134,6 +128,18 @@ def checked_tau(tau: float) -> float:
     if not 0 <= tau < float("inf"):
         raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
     return tau
+
+
+def default_tau(values: Tensor) -> float:
+    """The default of τ everywhere: half the typical change of a field over one cell at its zero crossings.
+
+    Args:
+        values: (X, Y, Z), level subtracted.
+
+    Raises:
+        InputError: if all values have the same sign, so that nothing crosses zero.
+    """
+    return max(0.5 * median_step_at_crossings(values), SMALLEST_TAU)
 
 
 def median_step_at_crossings(values: Tensor) -> float:

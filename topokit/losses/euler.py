@@ -157,7 +157,7 @@ class EulerLoss(nn.Module):
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def _look(self, fields: list[Field]) -> bool:
         """Evaluate the fields without a graph, if it is time; new guards where the grids are others than last time."""
-        grids = [(field.origin, field.spacing, field.shape) for field in fields]
+        grids = [field.grid for field in fields]
         is_look = self._calls % self.look_every == 0 or grids != self._grids
         self._calls += 1
         if not is_look:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 
 from torch import Tensor
 
-from topokit.core.grid.components import betti_numbers, grid_components
+from topokit.core.grid.components import betti_by_component, betti_numbers
 from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
 from topokit.losses.goal import Target, goal_of
@@ -129,5 +129,5 @@ class TopologyMonitor:
 
 def _betti_by_size(values: Tensor, connectivity: int) -> tuple[Betti, ...]:
     """Betti numbers of each component, the largest first."""
-    parts = sorted(grid_components(values, 0.0, connectivity)[1], key=lambda part: -part.voxels)
-    return tuple((1, part.tunnels, part.cavities) for part in parts)
+    table = betti_by_component(values, 0.0, connectivity).tolist()
+    return tuple((components, tunnels, cavities) for components, tunnels, cavities in table)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import at_least_single
+from topokit.core.grid.euler import at_least_single, check_connectivity
 from topokit.core.grid.field import Field, GridField
-from topokit.core.grid.splines import Grid, make_grid
+from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.errors import InputError
 from topokit.shape import Shape
@@ -31,14 +30,12 @@ class FieldSource:
         Raises:
             InputError: if one of them makes no sense.
         """
-        if connectivity not in (6, 26):
-            raise InputError(f"connectivity must be 6 or 26, not {connectivity!r}.")
         if not math.isfinite(level):
             raise InputError(f"level must be a finite number, not {level}.")
         if resolution < _COARSEST:
             raise InputError(f"resolution must be at least {_COARSEST} grid points, not {resolution}.")
         self.level = level
-        self.connectivity = connectivity
+        self.connectivity = check_connectivity(connectivity)
         self.resolution = resolution
         self._grid: Grid | None = None
 
@@ -71,13 +68,12 @@ class FieldSource:
             )
         local = shape.curvature()
         points = shape.samples.points
-        if self._grid is None or not _is_around(self._grid, points):
+        if self._grid is None or not self._grid.contains(points, _MARGIN_CELLS):
             spacing = float(local.area.detach().mean().sqrt())
             self._grid = make_grid(points, spacing, 1.0, self.resolution**3, self.resolution // 2)
         grid = self._grid
         values = winding_field(points, local.normals, local.area, grid).values
-        x, y, z = grid.origin.tolist()
-        return GridField(values - 0.5, (x, y, z), (grid.cell,) * 3, self.connectivity)
+        return GridField(values - 0.5, grid, self.connectivity)
 
 
 def plain_field(field: Tensor) -> Tensor:
@@ -92,10 +88,3 @@ def plain_field(field: Tensor) -> Tensor:
             "field (..., X, Y, Z), positive inside and not empty."
         )
     return at_least_single(field)
-
-
-def _is_around(grid: Grid, points: Tensor) -> bool:
-    margin = _MARGIN_CELLS * grid.cell
-    size = torch.tensor([(n - 1) * grid.cell for n in grid.shape], dtype=points.dtype, device=points.device)
-    inside = (points.detach() > grid.origin + margin) & (points.detach() < grid.origin + size - margin)
-    return bool(inside.all())

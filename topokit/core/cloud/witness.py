@@ -40,7 +40,7 @@ from topokit.core.cloud.neighborhoods import (
 from topokit.core.cloud.orientation import check_normals, orient_samples
 from topokit.core.cloud.votes import Verdict, decide
 from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.splines import make_grid
+from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.errors import InputError
 
@@ -241,7 +241,7 @@ def gather_votes(
     p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
     for k, (per_spacing, sigma, most) in enumerate(GRID_SETTINGS):
         field = winding_field(p, n, a, make_grid(p, spacing, per_spacing, most), sigma)
-        votes[f"grid {k}"] = 2 * int(solid_euler(field.values, 0.5))
+        votes[f"grid {k}"] = 2 * int(solid_euler(field.values, 0.5, connectivity=6))
     numbers = {
         "energy": cuts[0].energy,
         "coverage": cuts[0].coverage,

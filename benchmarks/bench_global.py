@@ -22,7 +22,7 @@ import torch
 
 from topokit.core.cloud.orientation import orient
 from topokit.core.grid.euler import smoothed_euler, solid_euler
-from topokit.core.grid.splines import make_grid
+from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.testing import torus_samples
 
@@ -59,7 +59,9 @@ def test_euler_of_oriented_points_over_one_fourier_transform() -> None:
         rows = alternating(
             15,
             lambda: torch.fft.rfftn(values),
-            lambda: found.append(2 * int(solid_euler(winding_field(points, normals, areas, grid).values, 0.5, connectivity=6))),
+            lambda: found.append(
+                2 * int(solid_euler(winding_field(points, normals, areas, grid).values, 0.5, connectivity=6))
+            ),
         )
     ratio, transform = median(ours / floor for floor, ours in rows), median(floor for floor, _ in rows)
     print(f"\nχ = {found[-1]} of {N_POINTS} points on {grid.shape}: {ratio:.1f} × rfftn ({transform * 1e3:.1f} ms)")

@@ -74,7 +74,7 @@ def main() -> None:
     before, fit_before = looked_at()
     print(f"before: {judged(before)}; data term {fit_before:.2e}")
 
-    shape = tk.from_occupancy(net, threshold=0, bounds=((-1, -1, -1), (1, 1, 1)), field_resolution=32)
+    shape = tk.from_occupancy(net, level=0, bounds=((-1, -1, -1), (1, 1, 1)), field_resolution=32)
     loss = tk.EulerLoss(genus=0, change="add")
     monitor = tk.TopologyMonitor(genus=0, every=10, patience=15)
     optimizer = torch.optim.Adam(net.parameters(), lr=1e-3)

@@ -257,7 +257,7 @@ class Shape:
                 f"{self.name} has no field, so it has no smoothed Euler characteristic: only shapes from from_sdf, "
                 "from_occupancy and from_voxels have one."
             )
-        return self.field.euler(tau)
+        return self.field.smoothed_euler(tau)
 
     def genus(self) -> int:
         """Handles summed over components, from the report's integer.

@@ -48,7 +48,7 @@ class Metaballs(Adapter):
 
         reach = float(radii.max()) * math.sqrt(1 + math.log(len(radii))) * 1.05  # if all balls were in one place
         bounds = (centers.amin(dim=0) - reach).tolist(), (centers.amax(dim=0) + reach).tolist()
-        shape = topokit.from_sdf(below, bounds, resolution=resolution, n_samples=n_samples, generator=generator)
+        shape = topokit.from_sdf(below, bounds=bounds, resolution=resolution, n_samples=n_samples, generator=generator)
         shape.name = source.name
         return shape
 

@@ -53,7 +53,7 @@ def test_a_schedule_is_found_from_the_field():
 def test_a_schedule_evaluates_a_network_once():
     calls = []
     shape = tk.from_sdf(
-        lambda x: calls.append(len(x)) or x.norm(dim=1) - 0.6, ((-1,) * 3, (1,) * 3), field_resolution=16
+        lambda x: calls.append(len(x)) or x.norm(dim=1) - 0.6, bounds=((-1,) * 3, (1,) * 3), field_resolution=16
     )
     calls.clear()
     TauSchedule.for_field(shape, 10)

@@ -12,7 +12,7 @@ from splat_writers import torus_scene
 from torch import Tensor, nn
 
 import topokit as tk
-from topokit.core.grid.components import grid_components
+from topokit.core.grid.components import betti_by_component
 from topokit.testing import torus_samples
 
 DOUBLE = torch.float64
@@ -67,7 +67,7 @@ def test_each_component_gets_its_own_topology():
     start = union(disc, torus(P, 0.28, 0.12, (0.6, 0, 0)))
 
     def tunnels_by_size(field: Tensor) -> list[int]:
-        return [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)]
+        return betti_by_component(field, 0.0, 6)[:, 1].tolist()
 
     assert tunnels_by_size(start) == [0, 1]
     for genus in ((0, 1), (1, 0), (0, 0), (1, 1)):
@@ -79,7 +79,7 @@ def test_each_component_gets_its_own_topology():
 def test_parts_are_first_counted_and_then_mended():
     three = union(torus(P, 0.28, 0.12, (-0.5, 0, 0)), torus(P, 0.25, 0.12, (0.5, 0, 0)), ball(P, 0.1, (0, 0.7, 0.7)))
     field = optimised(three, tk.EulerLoss(genus=(0, 1)), tau=0.04, steps=100)
-    assert [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)] == [0, 1]
+    assert betti_by_component(field, 0.0, 6)[:, 1].tolist() == [0, 1]
 
 
 def test_parts_that_meet_are_told_apart_again():
@@ -155,7 +155,7 @@ BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 @pytest.mark.parametrize("options", [{"target": 2.0, "components": None}, {"genus": 0}, {"genus": 0, "change": "add"}])
 def test_of_a_network_only_what_decides_is_evaluated_with_a_graph(options):
     network = Network()
-    shape = tk.from_sdf(network, BOX, field_resolution=24)
+    shape = tk.from_sdf(network, bounds=BOX, field_resolution=24)
     network.with_graph = network.without_graph = 0
     loss = tk.euler_loss(shape, tau=0.05, **options)
     assert network.without_graph == 25**3
@@ -188,7 +188,7 @@ def test_between_looks_the_voxels_last_found_are_pushed():
 
 
 def test_a_network_right_already_is_not_called_with_nothing():
-    shape = tk.from_occupancy(lambda x: 1000 * (0.6 - x.norm(dim=1)), 0.0, BOX, field_resolution=16)
+    shape = tk.from_occupancy(lambda x: 1000 * (0.6 - x.norm(dim=1)), level=0.0, bounds=BOX, field_resolution=16)
     assert tk.euler_loss(shape, genus=0, tau=1e-3, change="add") == 0
 
 

@@ -10,7 +10,7 @@ from numbers import Integral
 
 from torch import Tensor, nn
 
-from topokit.core.grid.components import betti_numbers, grid_components
+from topokit.core.grid.components import betti_by_component, betti_numbers
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
@@ -158,5 +158,5 @@ def _takes_no_arguments(function: Callable[..., object]) -> bool:
 
 def _betti_by_size(values: Tensor, connectivity: int) -> tuple[Betti, ...]:
     """Betti numbers of each component, the largest first."""
-    parts = sorted(grid_components(values, 0.0, connectivity)[1], key=lambda part: -part.voxels)
-    return tuple((1, part.tunnels, part.cavities) for part in parts)
+    rows = betti_by_component(values, 0.0, connectivity).tolist()
+    return tuple((components, tunnels, cavities) for components, tunnels, cavities in rows)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict
 from typing import Any
 
 from torch import Tensor, nn
 
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, GridField
-from topokit.core.grid.splines import Grid, make_grid
+from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.errors import InputError
 from topokit.losses.checks import check_choice, check_count, check_finite
@@ -80,20 +80,17 @@ class FieldSource(nn.Module):
         local = shape.curvature()
         self.grid = grid = self._grid_around(points, float(local.area.detach().mean().sqrt()))
         values = winding_field(points, local.normals, local.area, grid).values
-        x, y, z = grid.origin.tolist()
-        return GridField(values - 0.5, (x, y, z), (grid.cell,) * 3, self.connectivity)
+        return GridField(values - 0.5, grid, self.connectivity)
 
     def _grid_around(self, points: Tensor, spacing: float) -> Grid:
         """The present grid, or a new one if the points do not fit into it."""
-        if self.grid is not None:
-            present = replace(self.grid, origin=self.grid.origin.to(points))
-            if _contains(present, points):
-                return present
+        if self.grid is not None and self.grid.contains(points, _MARGIN_CELLS):
+            return self.grid
         return make_grid(points, spacing, 1.0, self.resolution**3, self.resolution // 2)
 
     def get_extra_state(self) -> dict[str, Any] | None:
         """The grid around the samples, for the `state_dict`."""
-        return None if self.grid is None else dict(vars(self.grid))
+        return None if self.grid is None else asdict(self.grid)
 
     def set_extra_state(self, state: dict[str, Any] | None) -> None:
         """Restore the grid."""
@@ -112,10 +109,3 @@ def plain_field(field: Tensor) -> Tensor:
             f"{tuple(field.shape)} and type {field.dtype}."
         )
     return at_least_single(field)
-
-
-def _contains(grid: Grid, points: Tensor) -> bool:
-    margin = _MARGIN_CELLS * grid.cell
-    size = points.new_tensor([(n - 1) * grid.cell for n in grid.shape])
-    inside = (points.detach() > grid.origin + margin) & (points.detach() < grid.origin + size - margin)
-    return bool(inside.all())

@@ -10,15 +10,13 @@ from torch import nn
 
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, default_tau
+from topokit.core.grid.grid import Grid
 from topokit.core.homotopy.nearest_solid import Change
 from topokit.errors import InputError
 from topokit.losses.checks import check_count
 from topokit.losses.component_guard import ComponentGuard
 from topokit.losses.goal import Goal
 from topokit.losses.guard import DecisiveVoxels, Guard
-
-Corner = tuple[float, float, float]
-GridOf = tuple[Corner, Corner, tuple[int, ...]]  # origin, spacing and shape of a field's grid
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class SolidTracker(nn.Module):
         """Forget the nearest solids."""
         self._start([])
 
-    def _start(self, grids: list[GridOf]) -> None:
+    def _start(self, grids: list[Grid]) -> None:
         """New guards for fields on these grids."""
         self._grids = grids
         self._guards = [self._new_guard() for _ in grids]
@@ -73,7 +71,7 @@ class SolidTracker(nn.Module):
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def forward(self, fields: list[Field], tau: float | None) -> list[tuple[DecisiveVoxels | None, float]]:
         """The decisive voxels of each field, None where no wanted solid is in reach, and their margin."""
-        grids = [(field.origin, field.spacing, field.shape) for field in fields]
+        grids = [field.grid for field in fields]
         if grids != self._grids:
             self._start(grids)
         is_due = self._n_calls % self.options.evaluate_every == 0 or (tau is None and not self._default_taus)

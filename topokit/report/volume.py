@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from topokit.core.components import SurfaceComponent
+from topokit.core.grid.euler import dual_connectivity
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import volume_verdict
 from topokit.report.wording import plural
@@ -29,15 +30,14 @@ def volume_answer(
         seconds: time the count took.
     """
     solids = sum(1 for one in components if one.depth is not None and one.depth % 2 == 0)
+    dual = dual_connectivity(connectivity)
     reasons = [
-        f"χ = {euler} is exact with {connectivity}-connected foreground and {32 - connectivity}-connected background: "
+        f"χ = {euler} is exact with {connectivity}-connected foreground and {dual}-connected background: "
         f"{int(inside.sum())} voxels in {plural(solids, 'component')}, bounded by "
         f"{plural(len(components), 'closed surface')}."
     ]
     if other_euler != euler:
-        reasons.append(
-            f"With {32 - connectivity}-connected foreground χ would be {other_euler}: the volume itself is ambiguous."
-        )
+        reasons.append(f"With {dual}-connected foreground χ would be {other_euler}: the volume itself is ambiguous.")
     touched = _touched_faces(inside)
     if touched:
         reasons.append(

@@ -10,8 +10,7 @@ import pytest
 import torch
 
 import topokit as tk
-from topokit.core.grid.components import betti_numbers
-from topokit.core.grid.surfaces import grid_surfaces
+from topokit.core.grid.components import betti_numbers, grid_surfaces
 
 
 def torus_volume(shape: tuple[int, int, int] = (48, 48, 24)) -> torch.Tensor:

@@ -1,4 +1,4 @@
-"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and its spacing or None."""
+"""Reading of volume files: one function per format, which returns an array (X, Y, Z) and its spacing or None."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.entry import NRRD, TIFF, Voxels, is_nifti
+from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError, reading
 from topokit.inputs.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
 
-Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
 

@@ -31,8 +31,9 @@ from topokit.core.cloud.neighborhoods import (
     local_geometry,
     unit,
 )
-from topokit.core.grid.splines import GridSampler, make_grid
-from topokit.core.grid.winding_field import squared_wavenumbers, winding_field
+from topokit.core.grid.grid import make_grid
+from topokit.core.grid.splines import GridSampler
+from topokit.core.grid.winding_field import PoissonFilter, winding_field
 
 Floats = NDArray[np.float64]
 
@@ -175,18 +176,7 @@ class _DipoleSolver:
         self.areas = areas_ / areas_.mean()
         self.grid = make_grid(self.points, cell, 1.0, 160**3, minimum_length=16)
         self.sampler = GridSampler(self.points, self.grid)
-        self.squared = squared_wavenumbers(self.grid, self.points)
-        self.squared[0, 0, 0] = 1.0
-        self.smooth(1.0)
-
-    def smooth(self, sigma: float) -> None:
-        """Set the Gaussian, in cells; dipoles are in units that make the cell drop out."""
-        self.multiplier = torch.exp(-0.5 * sigma**2 * self.squared) / self.squared
-        self.multiplier[0, 0, 0] = 0.0
-
-    def solve(self, density: Tensor) -> Tensor:
-        """The smoothed inverse of minus the Laplacian, with k² kept from one smoothing to the next."""
-        return torch.fft.irfftn(torch.fft.rfftn(density) * self.multiplier, s=self.grid.shape)
+        self.solve = PoissonFilter(self.grid, 1.0, self.points)
 
     def field(self, dipoles: Tensor) -> Tensor:
         """Winding numbers on the grid, zero on average over the box's faces."""
@@ -199,7 +189,7 @@ class _DipoleSolver:
 
     def conjugate_gradients(self, sigma: float, iterations: int, damping: float = 1e-2) -> Tensor:
         """Dipoles (N, 3) of least weighted norm with w(pᵢ) near one half."""
-        self.smooth(sigma)
+        self.solve.smooth(sigma)
         root = self.areas.sqrt()[:, None]
         solution = torch.zeros_like(self.points)
         residual = root * self.adjoint(torch.full((len(self.points),), 0.5))
@@ -218,7 +208,7 @@ class _DipoleSolver:
     def alternate(self, dipoles: Tensor, first_sigma: float, last_sigma: float, iterations: int) -> Tensor:
         """Rounds of one steepest-descent step on |w(p) − ½|² and a turn of every dipole along −∇w."""
         for step in range(iterations):
-            self.smooth(first_sigma * (last_sigma / first_sigma) ** (step / max(iterations - 1, 1)))
+            self.solve.smooth(first_sigma * (last_sigma / first_sigma) ** (step / max(iterations - 1, 1)))
             field = self.field(dipoles)
             residual = 0.5 - self.sampler.gather(field)
             descent = self.adjoint(residual) * self.areas[:, None]

@@ -24,8 +24,8 @@ from topokit.core.cloud.delaunay_cut import (
     solid_eulers,
 )
 from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten
-from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.splines import make_grid
+from topokit.core.grid.euler import surface_euler
+from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
@@ -110,7 +110,7 @@ def gather_votes(
     p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
     for k, (per_spacing, sigma, most) in enumerate(FIELD_SETTINGS):
         field = winding_field(p, n, a, make_grid(p, spacing, per_spacing, most), sigma)
-        votes.append(Vote("field", k, (2 * int(solid_euler(field.values, 0.5, connectivity=6)),)))
+        votes.append(Vote("field", k, (int(surface_euler(field.values, 0.5, connectivity=6)),)))
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
     quality = SampleQuality(cuts[0].coverage, disagreement(normals, local.index), local.roughness, near, wide)
     return tuple(votes), quality, cuts[0]

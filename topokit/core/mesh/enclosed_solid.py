@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.splines import make_grid
+from topokit.core.grid.euler import surface_euler
+from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.core.mesh.sampling import sample_triangles
 
@@ -60,4 +60,4 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
     grid = make_grid(points, area**0.5, 1.0, _LARGEST_GRID)
     field = winding_field(points, normals, torch.full_like(points[:, 0], area), grid)
     off_level = ((field.sample(points) - 0.5).abs() > 0.3).double().mean()
-    return EnclosedSolid(2 * int(solid_euler(field.values, 0.5, connectivity=6)), float(off_level), grid.cell)
+    return EnclosedSolid(int(surface_euler(field.values, 0.5, connectivity=6)), float(off_level), grid.cell)

@@ -20,7 +20,8 @@ import numpy as np
 import pytest
 import torch
 
-from topokit.core.cloud.orientation import orient
+from topokit.core.cloud.neighborhoods import local_geometry
+from topokit.core.cloud.orientation import orient_samples
 from topokit.core.grid.euler import smoothed_euler, solid_euler
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
@@ -75,7 +76,9 @@ def test_orientation_over_open3d() -> None:
     right = []
 
     def ours() -> None:
-        right.append(float(((orient(points).normals * known.normals.numpy()).sum(1) > 0).mean()))
+        right.append(
+            float(((orient_samples(points, local_geometry(points)).normals * known.normals.numpy()).sum(1) > 0).mean())
+        )
 
     def theirs() -> None:
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))

@@ -59,7 +59,9 @@ def test_euler_of_oriented_points_over_one_fourier_transform() -> None:
         rows = alternating(
             15,
             lambda: torch.fft.rfftn(values),
-            lambda: found.append(2 * int(solid_euler(winding_field(points, normals, areas, grid).values, 0.5, connectivity=6))),
+            lambda: found.append(
+                2 * int(solid_euler(winding_field(points, normals, areas, grid).values, 0.5, connectivity=6))
+            ),
         )
     ratio, transform = median(ours / floor for floor, ours in rows), median(floor for floor, _ in rows)
     print(f"\nχ = {found[-1]} of {N_POINTS} points on {grid.shape}: {ratio:.1f} × rfftn ({transform * 1e3:.1f} ms)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -44,7 +45,7 @@ class CountedAnswer:
     """
 
     evidence: Evidence
-    components: tuple[SurfaceComponent, ...]
+    components: Sequence[SurfaceComponent]
     closed: bool
     boundary_loops: int | None
     verdict: Verdict
@@ -91,7 +92,7 @@ class TopologyReport:
     estimate: float | None
     refined: float | None
     resolution: float | None
-    per_component: tuple[SurfaceComponent, ...]
+    per_component: Sequence[SurfaceComponent]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dicts, lists, numbers and strings, ready for JSON. NaN never occurs."""
@@ -126,19 +127,19 @@ def known_genus(report: TopologyReport) -> int:
     return report.genus
 
 
-def betti_numbers(components: tuple[SurfaceComponent, ...], closed: bool) -> tuple[int, int, int] | None:
+def betti_numbers(components: Sequence[SurfaceComponent], closed: bool) -> tuple[int, int, int] | None:
     """(c, 2g, c) of a closed orientable surface, else None."""
     handles = sum_genus(components)
     return (len(components), 2 * handles, len(components)) if closed and handles is not None else None
 
 
-def sum_genus(components: tuple[SurfaceComponent, ...]) -> int | None:
+def sum_genus(components: Sequence[SurfaceComponent]) -> int | None:
     """Genus summed over components, None if any is unknown."""
     genera = [component.genus for component in components if component.genus is not None]
     return sum(genera) if len(genera) == len(components) else None
 
 
-def count_cavities(components: tuple[SurfaceComponent, ...]) -> int | None:
+def count_cavities(components: Sequence[SurfaceComponent]) -> int | None:
     """Components at odd nesting depth, None if any depth is unknown."""
     depths = [component.depth for component in components if component.depth is not None]
     return sum(depth % 2 for depth in depths) if len(depths) == len(components) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +109,7 @@ def _report(
     euler: int,
     verdict: Verdict,
     reasons: tuple[str, ...],
-    components: tuple[SurfaceComponent, ...],
+    components: Sequence[SurfaceComponent],
     n_components: int,
     genus: int | None = None,
     cavities: int | None = None,
@@ -171,7 +172,7 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
     return tuple(sorted(components, key=lambda component: -component.area_share))
 
 
-def _solid_components(points: Tensor, witness: Witness) -> tuple[SurfaceComponent, ...]:
+def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
     if len(witness.faces) == 0:
         return ()
@@ -179,7 +180,7 @@ def _solid_components(points: Tensor, witness: Witness) -> tuple[SurfaceComponen
     topology = mesh_topology(vertices, witness.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
-    return tuple(topology.components) if same else ()
+    return topology.components if same else ()
 
 
 def _refusal(found: Examination) -> tuple[str, ...]:

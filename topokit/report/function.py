@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topokit.core.components import Corner, SurfaceComponent
+from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.convergence import ConvergenceStudy
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import function_verdict
@@ -10,7 +10,7 @@ from topokit.report.verdict import function_verdict
 
 def function_answer(
     found: ConvergenceStudy,
-    components: tuple[SurfaceComponent, ...],
+    components: CountedComponents,
     low: Corner,
     high: Corner,
     seconds: float,
@@ -25,7 +25,7 @@ def function_answer(
         seconds: time the counts took.
     """
     faces = _face_names(found.reached_faces, low, high)
-    adds_up = sum(one.euler or 0 for one in components) == found.euler
+    adds_up = components.euler.sum() == found.euler
     verdict = function_verdict(found.has_converged, reaches_box=bool(faces), adds_up=adds_up)
     finest = found.counts[-1]
     return CountedAnswer(

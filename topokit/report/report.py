@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from topokit.core.components import SurfaceComponent
+from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError
 from topokit.report.verdict import Verdict
@@ -48,7 +49,7 @@ class CountedAnswer:
     """
 
     evidence: Evidence
-    components: tuple[SurfaceComponent, ...]
+    components: CountedComponents
     closed: bool
     boundary_loops: int | None
     verdict: Verdict
@@ -99,7 +100,7 @@ class TopologyReport:
     refined: float | None
     solid: EnclosedSolid | None
     resolution: float | None
-    per_component: tuple[SurfaceComponent, ...]
+    per_component: Sequence[SurfaceComponent]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; no NaN."""

@@ -20,12 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 from torch import Tensor
 
-from topokit.core.components import Corner, SurfaceComponent
+from topokit.core.components import CountedComponents, genus_of
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, as_grid, critical_index, dual_connectivity, solid_euler
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.errors import InputError
 
 Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
@@ -125,41 +126,37 @@ def betti_by_component(
     return torch.from_numpy(table[np.argsort(-voxels, kind="stable")])
 
 
-def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> tuple[SurfaceComponent, ...]:
+def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> CountedComponents:
     """The connected closed surfaces of a solid on a grid, outer walls and cavity walls, largest area first.
 
     Args:
-        inside: (X, Y, Z) bool.
+        inside: (X, Y, Z) bool, with at least one voxel inside.
         connectivity: 6 or 26, that of the solid.
         grid: where the centers of the voxels are.
 
     Returns:
-        One entry per surface, with exact χ, genus, nesting and bounding box (of the voxels, half a step around their
-        centers). `area_share` counts the faces between voxels.
+        One row per surface, with exact χ, genus, nesting and bounding box (of the voxels, half a step around their
+        centers). `area_shares` counts the faces between voxels.
     """
-    if not inside.any():
-        return ()
     box = occupied_box(inside)
     padded = np.pad(inside[tuple(slice(*span) for span in box)].cpu().numpy(), 1)
     tree = _adjacency_tree(padded, connectivity)
     depth = tree.depths()
     euler = _wall_eulers(tree, depth)
     areas = _wall_areas(tree, depth, grid.spacing)
-    corners = _corners(tree, grid, [first - 1 for first, _ in box])
-    ranked = sorted(range(1, tree.count), key=lambda node: -areas[node])
-    rank = {node: place for place, node in enumerate(ranked)}
-    whole_area = areas.sum()
-    return tuple(
-        SurfaceComponent(
-            euler=int(euler[node]),
-            genus=(2 - int(euler[node])) // 2,
-            boundary_loops=0,
-            bounds=corners[node],
-            area_share=float(areas[node] / whole_area),
-            inside=rank.get(int(tree.parent[node])),
-            depth=int(depth[node]) - 1,
-        )
-        for node in ranked
+    low, high = _corners(tree, grid, [first - 1 for first, _ in box])
+    ranked = 1 + np.argsort(-areas[1:], kind="stable")
+    rank = np.full(tree.count, -1)
+    rank[ranked] = np.arange(len(ranked))
+    return CountedComponents(
+        euler=euler[ranked],
+        genera=genus_of(euler[ranked]),
+        boundary_loops=np.zeros_like(ranked),
+        low=low[ranked],
+        high=high[ranked],
+        area_shares=areas[ranked] / areas.sum(),
+        inside=rank[tree.parent[ranked]],
+        depths=depth[ranked] - 1,
     )
 
 
@@ -204,7 +201,7 @@ def _wall_eulers(tree: _AdjacencyTree, depth: Integers) -> Integers:
     return euler
 
 
-def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> NDArray[np.float64]:
+def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> Floats:
     """Area of the voxel faces between every node and its parent."""
     areas = np.zeros(tree.count)
     for axis in range(3):
@@ -216,11 +213,11 @@ def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> NDAr
     return areas
 
 
-def _corners(tree: _AdjacencyTree, grid: Grid, first: list[int]) -> list[tuple[Corner, Corner]]:
-    """Lowest and highest corner of every node's voxels; `first`: grid index of the tree's first voxel."""
+def _corners(tree: _AdjacencyTree, grid: Grid, first: list[int]) -> tuple[Floats, Floats]:
+    """Lowest and highest corners (count, 3) of every node's voxels; `first`: grid index of the tree's first voxel."""
     spans = np.array([[(span.start, span.stop) for span in box] for box in ndimage.find_objects(tree.labels + 1)])
     places = np.asarray(grid.origin) + np.asarray(grid.spacing) * (spans.swapaxes(1, 2) + (np.asarray(first) - 0.5))
-    return [(tuple(low), tuple(high)) for low, high in places.tolist()]
+    return places[:, 0], places[:, 1]
 
 
 def _label(mask: Bools, connectivity: int) -> tuple[Labels, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from typing import Literal
@@ -75,6 +76,13 @@ class Shape:
         if callable(self._exact):
             self._exact = self._exact()
         return self._exact
+
+    def replace(self, *, name: str | None = None, n_neighbors: int | None = None) -> Shape:
+        """The same shape under another name, or with another number of neighbors."""
+        other = copy.copy(self)
+        other.name = self.name if name is None else name
+        other.n_neighbors = self.n_neighbors if n_neighbors is None else n_neighbors
+        return other
 
     def __repr__(self) -> str:
         known = "exact, " if self._exact else ""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from topokit.losses.euler import EulerLoss, euler_loss
     from topokit.losses.monitor import TopologyMonitor
     from topokit.plugins.adapter import Adapter
-    from topokit.plugins.registry import list_adapters, load, register_adapter
+    from topokit.plugins.registry import list_adapters, load, refresh_adapters, register_adapter
     from topokit.report.report import Evidence, TopologyReport
     from topokit.shape import Shape
 
@@ -44,6 +44,7 @@ _HOME = {
     "from_voxels": "topokit.adapters.voxels.adapter",
     "list_adapters": "topokit.plugins.registry",
     "load": "topokit.plugins.registry",
+    "refresh_adapters": "topokit.plugins.registry",
     "register_adapter": "topokit.plugins.registry",
 }
 
@@ -67,6 +68,7 @@ __all__ = [
     "from_voxels",
     "list_adapters",
     "load",
+    "refresh_adapters",
     "register_adapter",
 ]
 

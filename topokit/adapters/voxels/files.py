@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.entry import NRRD, TIFF, Voxels, is_nifti
+from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.inputs.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
+from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
+from topokit.inputs.numpy_header import NUMPY, array_shapes
 
 Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
@@ -39,7 +40,7 @@ def _reader(path: Path) -> Callable[[Path], Volume]:
     for looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
             return reader
-    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(Voxels.suffixes)}.")
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
 
 
 def _read_npy(path: Path) -> Volume:

@@ -2,9 +2,9 @@
 
     python benchmarks/bench_start.py
 
-Asked for: help at most 1.5 × a bare typer app's; `import topokit` at most 20 ms more than `import torch` alone, with
-ten plug-ins installed too. Two imports of torch differ by more than that, so topokit's share is measured within one
-process.
+Limits: help takes at most 1.5 × a bare typer app's; `import topokit` takes at most 20 ms more than `import torch` alone,
+also with ten plug-ins installed. Two imports of torch differ by more than that, so topokit's share is measured within
+one process.
 """
 
 from __future__ import annotations

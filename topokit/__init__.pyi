@@ -20,8 +20,8 @@ from .errors import (
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
-from .plugins.adapter import Adapter, AdapterInfo
-from .plugins.registry import list_adapters, load, register_adapter
+from .plugins.adapter import Adapter
+from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
 
@@ -29,7 +29,6 @@ __version__: str
 __all__ = [
     "Adapter",
     "AdapterError",
-    "AdapterInfo",
     "AdapterWarning",
     "CountedAnswer",
     "Curvature",
@@ -57,6 +56,7 @@ __all__ = [
     "list_adapters",
     "load",
     "losses",
+    "refresh_adapters",
     "register_adapter",
     "testing",
     "topology_loss",

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import LAS, TEXT, Points, is_pcd
+from topokit.adapters.points.entry import LAS, POINTS, TEXT, is_pcd
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.inputs.files import NUMPY, ZIP, head
+from topokit.inputs.files import ZIP, head
+from topokit.inputs.numpy_header import NUMPY
 
 Floats = NDArray[np.float64]
 Cloud = tuple[Floats, Floats | None]
@@ -48,7 +49,7 @@ def _reader(path: Path) -> Callable[[Path], Cloud]:
         return _read_text
     raise ReadError(
         f"{path} is not a point file: text needs one of the suffixes {', '.join(TEXT)}, and its content is that of "
-        f"none of the other formats. Known: {', '.join(Points.suffixes)}."
+        f"none of the other formats. Known: {', '.join(POINTS.suffixes)}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Reading of volume files: one function per format, which returns an array (X, Y, Z) and its spacing or None."""
+"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and its spacing or None."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.entry import NRRD, TIFF, Voxels, is_nifti
+from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.inputs.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
+from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
+from topokit.inputs.numpy_header import NUMPY, array_shapes
 
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
@@ -39,7 +40,7 @@ def _reader(path: Path) -> Callable[[Path], Volume]:
     for looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
             return reader
-    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(Voxels.suffixes)}.")
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
 
 
 def _read_npy(path: Path) -> Volume:

@@ -17,11 +17,11 @@ FLOORS = [
     {"errors"},
     {"inputs"},
     {"core"},
-    {"report"},
+    {"report", "export"},
+    {"shape_data"},
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"export"},
     {"testing"},
     {"cli"},
 ]

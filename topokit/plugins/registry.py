@@ -134,7 +134,7 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
             this type are not opened.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
-    from topokit.shape import UNNAMED
+    from topokit.shape_data import UNNAMED
 
     source = _as_path(source)
     shape = open_with(adapter_for(source, adapter), source, options)

@@ -32,3 +32,9 @@ def compact_labels(labels: Integers, n_labels: int) -> Integers:
     occurs = np.zeros(n_labels, dtype=bool)
     occurs[labels] = True
     return (np.cumsum(occurs) - 1)[labels]
+
+
+def count_distinct(values: Integers) -> int:
+    """Number of distinct values (N,), N ≥ 1; sorting them is many times faster than `np.unique`."""
+    ordered = np.sort(values)
+    return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))

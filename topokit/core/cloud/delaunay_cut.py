@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
+from topokit.core.labels import connected_labels, count_distinct
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -227,8 +228,8 @@ def _closed_euler(tetrahedra: Integers) -> int:
     base = np.int64(ordered.max() + 1)
     pairs = [ordered[:, a] * base + ordered[:, b] for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))]
     triples = [(ordered[:, a] * base + ordered[:, b]) * base + ordered[:, c] for a, b, c in FACETS]
-    n_edges, n_facets = (len(np.unique(np.concatenate(keys))) for keys in (pairs, triples))
-    return len(np.unique(ordered)) - n_edges + n_facets - len(ordered)
+    n_edges, n_facets = (count_distinct(np.concatenate(keys)) for keys in (pairs, triples))
+    return count_distinct(ordered.ravel()) - n_edges + n_facets - len(ordered)
 
 
 def count_parts(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
@@ -238,6 +239,6 @@ def count_parts(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
     here = np.broadcast_to(np.arange(count)[:, None], complex_.neighbors.shape)
     there = np.where(complex_.neighbors < 0, count, complex_.neighbors)
     same = label[here] == label[there]
-    graph = coo_matrix((np.ones(int(same.sum()), dtype=np.int8), (here[same], there[same])), shape=(count + 1,) * 2)
-    _, part = connected_components(graph, directed=False)
-    return len(np.unique(part[:count][inside])), len(np.unique(part[~label])) - 1
+    part = connected_labels(count + 1, here[same], there[same])
+    n_parts = count_distinct(part[:count][inside]) if inside.any() else 0
+    return n_parts, count_distinct(part[~label]) - 1

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from topokit.core.cloud.neighborhoods import FEWEST_POINTS, fit_planes, with_neighbors
+from topokit.core.labels import count_distinct
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -58,7 +59,7 @@ def _one_per_cube(points: Floats) -> tuple[Integers, Integers]:
     side = extent / 100
     for _ in range(16):  # a surface meets about side⁻² cubes
         cube = _cubes(points - low, side)
-        n_cubes = len(np.unique(cube))
+        n_cubes = count_distinct(cube)
         if 0.9 * KEPT_POINTS <= n_cubes <= 1.1 * KEPT_POINTS:
             break
         smallest, largest = (side, largest) if n_cubes > KEPT_POINTS else (smallest, side)

@@ -367,7 +367,8 @@ def test_gauss_bonnet_gradient_against_differences_of_the_same_feet():
 @pytest.mark.parametrize("activation", [nn.ReLU(), Sine(), nn.Softplus(100)])
 def test_gradients_are_finite(activation, method):
     net = network(activation, torch.float32)
-    tk.from_sdf(net, BOX, **ROUGH).euler(method=method).backward()
+    tau = 0.1 if method == "field" else None  # the only critical point, the maximum, is too deep for the default
+    tk.from_sdf(net, BOX, **ROUGH).euler(method=method, tau=tau).backward()
     grads = [weight.grad for weight in net.parameters() if weight.grad is not None]
     assert grads
     assert all(bool(grad.isfinite().all()) for grad in grads)

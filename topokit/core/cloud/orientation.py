@@ -1,10 +1,10 @@
-"""Outward normals for unoriented samples, and a check of given ones.
+"""Outward normals for unoriented samples, and a check of given normals.
 
-The winding number of a closed surface is one half on the surface. Solving w(pᵢ) = ½ for the dipole vectors by
-regularized conjugate gradients in the Fourier operator of `winding` needs no normals at all; a few rounds of one
-steepest-descent step and a turn of every dipole along −∇w sharpen it. This is done on a coarse grid (robust to noise)
-and on one that follows the sample spacing (right on thin sheets). The candidates are cleaned over neighbors that agree
-and compared by the cost of the best solid that they imply (`tetrahedra`).
+The winding number of a closed surface is one half on the surface. Regularized conjugate gradients solve w(pᵢ) = ½ for
+the dipole vectors, in the Fourier operator of `winding_field` and without normals. An alternation sharpens the result:
+one steepest-descent step, then every dipole is aligned with −∇w. Both run on a coarse grid (robust to noise) and on one
+that follows the sample spacing (right on thin sheets). The candidates are smoothed over neighbors that agree and are
+compared by the cost of the best solid that they imply (`delaunay_cut`).
 
 References:
     S. Lin, Z. Shi, Y. Liu, "Fast and globally consistent normal orientation based on the winding number normal
@@ -38,11 +38,11 @@ from topokit.core.grid.winding_field import PoissonFilter, winding_field
 Floats = NDArray[np.float64]
 
 _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1.05, "coarse solve": 1.05}
-"""Cost factors: a rougher candidate has to be clearly better."""
+"""Cost factors: a candidate without the alternation must be clearly better to win."""
 
 _INTERPOLATING = 0.97
-"""Share of samples on a solid's surface from which on the samples count as free of noise: a missed one is then a missed
-feature."""
+"""Share of samples on a solid's surface above which the samples count as free of noise: a sample that the surface
+misses is then a feature that it misses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +50,12 @@ class Orientation:
     """Outward normals and how they were chosen.
 
     Attributes:
-        normals: (N, 3), unit, outward: out of the solid, so into the cavity on a cavity's wall.
-        candidate: the one that won.
-        costs: of each candidate; the least won.
+        normals: (N, 3), unit, pointing out of the solid, so into the cavity on the wall of a cavity.
+        candidate: name of the candidate with the lowest cost.
+        costs: of each candidate.
         disagreement: share of neighbor pairs whose normals oppose each other.
         coverage: share of the samples on the implied solid's surface.
-        complex_: the tetrahedra of the samples that were looked at, to be used again.
+        complex_: Delaunay tetrahedra of the oriented samples, for further use.
     """
 
     normals: Floats
@@ -69,8 +69,8 @@ class Orientation:
 def orient(points: ArrayLike, areas: ArrayLike | None = None) -> Orientation:
     """Outward normals for unoriented samples.
 
-    Of more than 30 000 points about 20 000, evenly spread, are oriented; every other point then takes its own local
-    plane's normal with the sign of the nearest of those. Of points in the same place one is looked at.
+    Of more than 30 000 points, about 20 000 that are evenly spread are oriented; every other point takes the normal of
+    its own local plane with the sign of the nearest of those. Points in the same place count once.
 
     Args:
         points: (N, 3), on the CPU.
@@ -90,7 +90,7 @@ def orient(points: ArrayLike, areas: ArrayLike | None = None) -> Orientation:
 
 
 def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
-    """`orient` for centered positions (N, 3) of moderate number whose neighborhoods are known."""
+    """`orient` for centered positions (N, 3), not too many, whose neighborhoods are known."""
     complex_ = delaunay_complex(points, local.spacing)
     trials = {}
     for name, direction in candidate_directions(points, local).items():
@@ -112,7 +112,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
 def candidate_directions(
     points: Floats, local: LocalGeometry, scales: tuple[str, ...] = ("coarse", "fine")
 ) -> dict[str, Floats]:
-    """Unit outward directions (N, 3) per candidate: coarse and spacing-sized grid, before and after the alternation."""
+    """Unit outward directions (N, 3) of each candidate: on a coarse and a fine grid, before and after alternation."""
     longest = float(np.ptp(points, axis=0).max())
     cells = {"coarse": (longest / 64, 20), "fine": (longest / min(1.2 * longest / local.spacing + 30, 160), 12)}
     result = {}
@@ -131,9 +131,9 @@ def check_normals(
     """Whether given normals point outward all together, and the share of them that is confirmed up to a common sign.
 
     The field of consistently outward normals is high inside, low at the box's faces, near one half at every sample, and
-    falls along every normal. Where one of these fails the normals are held against an orientation found without them;
-    "mixed" needs that one to imply a clearly cheaper solid, so that correct normals of thin sheets, where finding them
-    is hard, are not accused.
+    falls along every normal. If one of these fails, the normals are compared with an orientation found without them.
+    They count as "mixed" only if that orientation implies a clearly cheaper solid: on thin sheets, where orientations
+    are hard to find, correct normals must not be rejected.
 
     Args:
         points: (N, 3), centered.
@@ -167,10 +167,10 @@ def _rim(field: Tensor) -> Tensor:
 
 
 class _DipoleSolver:
-    """The map from dipole vectors to winding numbers at the samples on one grid, and its inverse in two ways."""
+    """The linear map from dipole vectors to winding numbers at the samples, on one grid, and two ways to invert it."""
 
     def __init__(self, points: Floats, areas: Floats, cell: float) -> None:
-        """Args: points (N, 3); areas (N,); cell: wished edge length of the grid's cells."""
+        """Args: points (N, 3); areas (N,); cell: edge length of the grid's cells, unless that makes too many."""
         self.points = torch.as_tensor(points, dtype=torch.float32)
         areas_ = torch.as_tensor(areas, dtype=torch.float32)
         self.areas = areas_ / areas_.mean()
@@ -179,16 +179,16 @@ class _DipoleSolver:
         self.solve = PoissonFilter(self.grid, 1.0, self.points)
 
     def field(self, dipoles: Tensor) -> Tensor:
-        """Winding numbers on the grid, zero on average over the box's faces."""
+        """Winding numbers on the grid, with mean zero over the box's faces."""
         field = -self.solve(self.sampler.splat_dipoles(dipoles))
         return field - _rim(field)
 
     def adjoint(self, values: Tensor) -> Tensor:
-        """Values at the samples (N,) back to dipole vectors (N, 3)."""
+        """The adjoint map, from values at the samples (N,) to dipole vectors (N, 3)."""
         return -self.sampler.gather_gradient(self.solve(self.sampler.splat(values)))
 
     def conjugate_gradients(self, sigma: float, iterations: int, damping: float = 1e-2) -> Tensor:
-        """Dipoles (N, 3) of least weighted norm with w(pᵢ) near one half."""
+        """Dipoles (N, 3) of least area-weighted norm for which w(pᵢ) is near one half."""
         self.solve.smooth(sigma)
         root = self.areas.sqrt()[:, None]
         solution = torch.zeros_like(self.points)
@@ -206,7 +206,7 @@ class _DipoleSolver:
         return root * solution
 
     def alternate(self, dipoles: Tensor, first_sigma: float, last_sigma: float, iterations: int) -> Tensor:
-        """Rounds of one steepest-descent step on |w(p) − ½|² and a turn of every dipole along −∇w."""
+        """Alternate a steepest-descent step on |w(p) − ½|² with the alignment of every dipole with −∇w."""
         for step in range(iterations):
             self.solve.smooth(first_sigma * (last_sigma / first_sigma) ** (step / max(iterations - 1, 1)))
             field = self.field(dipoles)
@@ -217,6 +217,6 @@ class _DipoleSolver:
             length = (residual * image).sum() / (image * image).sum().clamp_min(1e-30)
             dipoles, field = dipoles + length * descent, field + length * change
             outward = -self.sampler.gather_gradient(field)
-            turned = outward / outward.norm(dim=1, keepdim=True).clamp_min(1e-12)
-            dipoles = dipoles.norm(dim=1, keepdim=True) * turned
+            aligned = outward / outward.norm(dim=1, keepdim=True).clamp_min(1e-12)
+            dipoles = dipoles.norm(dim=1, keepdim=True) * aligned
         return dipoles

@@ -1,4 +1,4 @@
-"""What counting costs: networks on 256³ and 512³ grids, and volumes of 512³ voxels beside scikit-image.
+"""Cost of counting: networks on grids of 256³ and 512³ cells, and volumes of 512³ voxels beside scikit-image.
 
     python -m pytest benchmarks/bench_field.py -s
     python benchmarks/bench_field.py network 256 512     one measurement, in this process: seconds, evaluations, memory
@@ -73,7 +73,7 @@ def ball_with_holes(n: int) -> np.ndarray:
 
 def measure_volume(n: int, how: str) -> dict[str, float]:
     """Exact χ of the surface of a volume, three times; the best."""
-    tk.from_voxels(np.ones((8, 8, 8), dtype=np.uint8)).euler(method="field", tau=0)  # imports are not what is measured
+    tk.from_voxels(np.ones((8, 8, 8), dtype=np.uint8)).euler(method="field", tau=0)  # imports are not measured
     seconds, euler, before = [], 0, peak()
     volume = ball_with_holes(n)
     for _ in range(3):

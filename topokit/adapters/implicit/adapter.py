@@ -130,8 +130,6 @@ class _Settings:
     generator: torch.Generator | None
 
     def __post_init__(self) -> None:
-        if self.bounds is not None:
-            object.__setattr__(self, "bounds", _as_bounds(self.bounds))
         if not isinstance(self.level, Real) or not math.isfinite(self.level):
             raise InputError(f"level must be a finite number, got {self.level!r}.")
         if self.resolution < 2 * COARSEST:
@@ -142,10 +140,10 @@ class _Settings:
 
 
 def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
-    function = LevelFunction(f, settings.level, sign, name, _probes(settings.bounds or _UNIT_CUBE))
+    bounds = _UNIT_CUBE if settings.bounds is None else _as_bounds(settings.bounds)
+    function = LevelFunction(f, settings.level, sign, name, _probes(bounds))
     notes: tuple[str, ...] = ()
-    bounds = settings.bounds
-    if bounds is None:
+    if settings.bounds is None:
         bounds, notes = _find_bounds(function)
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)

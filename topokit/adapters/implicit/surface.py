@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -15,7 +13,7 @@ from topokit.core.components import Corner
 from topokit.core.grid.components import grid_surfaces
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
-from topokit.core.implicit.adaptive_grid import AdaptiveField, dense_field, refine_grid
+from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
 from topokit.core.implicit.convergence import convergence_study
 from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, project
 from topokit.core.samples import SurfaceSamples
@@ -28,11 +26,10 @@ COARSEST = 64  # cells of the grid that is evaluated at every vertex
 _DRAWS = 4  # at most, of samples where projection has failed
 
 
-@dataclass(frozen=True)
 class ImplicitSurface:
-    """The zero set of a function in a box; each part is computed once, when it is first asked for.
+    """The zero set of a function in a box; its coarsest grid serves both samples and counts.
 
-    Attributes:
+    Args:
         function: positive inside.
         bounds: lowest and highest corner of the box.
         resolution: cells along the longest side of the finest grid for counting.
@@ -40,28 +37,19 @@ class ImplicitSurface:
         seed: of the samples.
     """
 
-    function: LevelFunction
-    bounds: Bounds
-    resolution: int
-    n_samples: int
-    seed: int
-
-    @cached_property
-    def coarse(self) -> AdaptiveField:
-        """The field on the coarsest grid, evaluated at every vertex.
-
-        Raises:
-            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not.
-        """
-        field = dense_field(self.function.without_graph, Grid.covering(*self.bounds, COARSEST))
-        _check_signs(field.values, self.function, self.bounds)
-        return field
+    def __init__(self, function: LevelFunction, bounds: Bounds, resolution: int, n_samples: int, seed: int) -> None:
+        self.function = function
+        self.bounds = bounds
+        self.resolution = resolution
+        self.n_samples = n_samples
+        self.seed = seed
+        self._coarsest: AdaptiveField | None = None
 
     def samples(self) -> SurfaceSamples:
         """Area-weighted points on the zero set with outward normals, both differentiable in f's weights.
 
         Raises:
-            InputError: as for `coarse`.
+            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not.
         """
         points, grid_normals = self._projected_points()
         _, gradient = self.function.value_and_gradient(points)
@@ -75,7 +63,8 @@ class ImplicitSurface:
 
     def _projected_points(self) -> tuple[Tensor, Tensor]:
         """Points on the zero set, and the grid's normals there; points whose projection fails are drawn again."""
-        field = refine_grid(self.coarse, self.function.without_graph)
+        with progress_bar(self.function.name, 2 * COARSEST) as progress:
+            field = refine_grid(self._coarsest_field(progress), self.function.without_graph, progress)
         generator = torch.Generator().manual_seed(self.seed)
         kept: list[tuple[Tensor, Tensor]] = []
         missing = self.n_samples
@@ -93,12 +82,25 @@ class ImplicitSurface:
         return points, normals
 
     def answer(self) -> CountedAnswer:
-        """The integer, from grids that are refined up to the resolution."""
+        """The integer, from grids that are refined up to the resolution.
+
+        Raises:
+            InputError: as for `samples`.
+        """
         started = time.perf_counter()
         with progress_bar(self.function.name, self.resolution) as progress:
-            study = convergence_study(self.coarse, self.function.without_graph, self.resolution, progress)
+            coarsest = self._coarsest_field(progress)
+            study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress)
         components = grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.field.grid)
         return function_answer(study, components, *self.bounds, time.perf_counter() - started)
+
+    def _coarsest_field(self, progress: Progress) -> AdaptiveField:
+        """The field on the coarsest grid, evaluated at every vertex, once."""
+        if self._coarsest is None:
+            field = dense_field(self.function.without_graph, Grid.covering(*self.bounds, COARSEST), progress)
+            _check_signs(field.values, self.function, self.bounds)
+            self._coarsest = field
+        return self._coarsest
 
 
 def _at_least_float32(points: Tensor, normals: Tensor) -> SurfaceSamples:

@@ -39,14 +39,15 @@ def no_progress(grid: Grid, done: int, total: int) -> None:
     """A `Progress` that shows nothing."""
 
 
-def dense_field(evaluate: Evaluate, grid: Grid) -> AdaptiveField:
+def dense_field(evaluate: Evaluate, grid: Grid, progress: Progress = no_progress) -> AdaptiveField:
     """Evaluate a field at every vertex of a grid.
 
     Args:
         evaluate: maps (N, 3) float64 positions to (N,) values, positive inside; called with bounded N.
         grid: where to evaluate.
+        progress: told how many points are evaluated.
     """
-    values = _evaluate_at(grid, evaluate, torch.arange(grid.n_vertices), torch.get_default_dtype(), no_progress)
+    values = _evaluate_at(grid, evaluate, torch.arange(grid.n_vertices), torch.get_default_dtype(), progress)
     known = torch.ones(grid.shape, dtype=torch.bool)
     return AdaptiveField(grid, values.reshape(grid.shape), known, grid.n_vertices)
 

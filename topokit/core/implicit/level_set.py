@@ -30,7 +30,7 @@ def area_weighted_starts(
         generator: source of randomness on the CPU.
 
     Returns:
-        Starts (n, 3), float64, and unit normals (n, 3) at the crossings towards lower values, from differences on the
+        Starts (n, 3), float64, and unit normals (n, 3) at the crossings toward lower values, from differences on the
         grid.
     """
     steps = torch.tensor(grid.spacing, dtype=torch.float64)

@@ -507,7 +507,7 @@ def test_content_comes_before_suffix(blob: Path) -> None:
     assert tk.load(blob).name == "content"
 
 
-def test_among_those_that_recognise_the_content_the_suffix_decides_then_priority(blob: Path) -> None:
+def test_among_those_that_recognize_the_content_the_suffix_decides_then_priority(blob: Path) -> None:
     make("high", content=True, suffixes=(), priority=9)
     make("low", content=True, priority=-1)
     assert tk.load(blob).name == "low"

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 
-_INTEGERS = {
+_COMMON = {
     "n_neighbors": Annotated[int | None, typer.Option("-k", "--neighbors", min=3, help="Neighbors of each point.")],
-    "n_samples": Annotated[int | None, typer.Option("--samples", min=4, help="Number of points to sample.")],
+    "n_samples": Annotated[int | None, typer.Option("--samples", min=4, help="Points to sample, if any are sampled.")],
     "generator": Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the sampling.")],
 }
 _TEXTS = {
@@ -35,6 +35,7 @@ _TEXTS = {
     "component": "Splats: all, largest, or the number of a cluster.",
     "min_opacity": "Splats: fainter ones are dropped.",
 }
+_SAMPLING = ("n_samples", "generator")  # left out where nothing is sampled: a list of files may hold points, too
 _RENAMED = {"n_neighbors": "--neighbors", "n_samples": "--samples", "generator": "--seed"}
 _ADAPTER = Annotated[str | None, typer.Option("--adapter", help="Adapter to use (`topokit adapters` lists them).")]
 _MORE = Annotated[
@@ -52,7 +53,7 @@ def _flag(name: str) -> str:
 
 _SHARED = {
     "adapter": _ADAPTER,
-    **_INTEGERS,
+    **_COMMON,
     **{name: Annotated[str | None, typer.Option(_flag(name), help=text)] for name, text in _TEXTS.items()},
     "more": _MORE,
 }
@@ -86,17 +87,11 @@ class Opener:
 
         adapter = adapter_for(path, self.adapter)
         known = options_of(adapter)
-        options = dict(self.given)
-        for name, value in self.given.items():
-            if known is not None and name not in {*known, "n_neighbors"}:
-                raise InputError(
-                    f"{path}: adapter {adapter.name!r} has no option {_flag(name)}. It has: {_list(known)}."
-                )
-            if isinstance(value, str):
-                try:
-                    options[name] = parse_value(value, known[name] if known else _ANY)
-                except ValueError as error:
-                    raise InputError(f"{path}: {_flag(name)} is {value!r}; expected {error}.") from error
+        options = {
+            name: _value(path, name, value, adapter.name, known)
+            for name, value in self.given.items()
+            if known is None or name in known or name not in _SAMPLING
+        }
         if "generator" in options:
             import torch
 
@@ -104,10 +99,18 @@ class Opener:
         return load(path, adapter=adapter.name, **options)
 
 
-def _list(known: Mapping[str, inspect.Parameter]) -> str:
-    """The options of an adapter that can be given on the command line."""
-    writable = {name for name, parameter in known.items() if is_writable(parameter) or name in _RENAMED}
-    return ", ".join(sorted(map(_flag, {*writable, "n_neighbors"})))
+def _value(path: Path, name: str, value: Any, adapter: str, known: Mapping[str, inspect.Parameter] | None) -> Any:
+    """What the adapter gets for a value of the command line."""
+    if known is not None and name not in {*known, "n_neighbors"}:
+        writable = {name for name, parameter in known.items() if is_writable(parameter) or name in _SAMPLING}
+        flags = ", ".join(sorted(map(_flag, {*writable, "n_neighbors"})))
+        raise InputError(f"{path}: adapter {adapter!r} has no option {_flag(name)}. It has: {flags}.")
+    if not isinstance(value, str):
+        return value
+    try:
+        return parse_value(value, known[name] if known else _ANY)
+    except ValueError as error:
+        raise InputError(f"{path}: {_flag(name)} is {value!r}; expected {error}.") from error
 
 
 def opens_files(command: Callable[..., None]) -> Callable[..., None]:
@@ -121,7 +124,7 @@ def opens_files(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def run(**values: Any) -> None:
-        given = {name: values.pop(name) for name in (*_INTEGERS, *_TEXTS)}
+        given = {name: values.pop(name) for name in (*_COMMON, *_TEXTS)}
         given = {name: value for name, value in given.items() if value is not None}
         for text in values.pop("more") or ():
             name, equals, value = text.partition("=")

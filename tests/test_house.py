@@ -26,7 +26,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
 ]

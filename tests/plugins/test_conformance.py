@@ -22,7 +22,8 @@ from topokit.adapters.points.entry import Points
 from topokit.adapters.splats.entry import Splats
 from topokit.adapters.voxels.entry import Voxels
 from topokit.core.samples import SurfaceSamples
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
+from topokit.inputs.reading import reading
 from topokit.plugins import registry
 from topokit.testing import AdapterConformance, icosphere, sphere_samples, torus_mesh, torus_samples
 

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import gzip
+import math
 import os
 import re
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal
 
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
+from topokit.inputs.reading import reading, require_bytes, require_expansion
 
 HEAD = 1 << 16  # bytes that tell one format from another
 ZIP, GZIP, NUMPY = b"PK\x03\x04", b"\x1f\x8b", b"\x93NUMPY"
@@ -76,7 +80,7 @@ def unpacked_head(path: Path, size: int = HEAD) -> bytes:
         try:
             with gzip.open(path) as file:
                 return file.read(size)
-        except (OSError, EOFError):
+        except (OSError, EOFError, zlib.error):
             return beginning
     return beginning
 
@@ -116,23 +120,29 @@ def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays in a .npy or .npz file by lower-case name ("" for .npy), from their headers alone.
 
     Raises:
-        ReadError: if it is malformed.
+        ReadError: if it is malformed, or a header announces more than the file holds.
     """
     shapes = {}
-    with reading(path, "the NumPy reader"):
+    damaged = (NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError)  # of zipfile and of numpy's parser
+    with reading(path, "the NumPy reader", *damaged):
         if not zipfile.is_zipfile(path):
             with path.open("rb") as file:
-                return {"": _array_shape(file)}
+                return {"": _array_shape(file, path, path.stat().st_size)}
         with zipfile.ZipFile(path) as archive:
-            for name in archive.namelist():
+            for entry in archive.infolist():
+                name = entry.filename
                 if name.endswith(".npy"):
-                    with archive.open(name) as member:
-                        shapes[name.removesuffix(".npy").lower()] = _array_shape(member)
+                    require_expansion(path, entry.file_size, path.stat().st_size)
+                    with archive.open(entry) as member:
+                        shapes[name.removesuffix(".npy").lower()] = _array_shape(member, path, entry.file_size)
     return shapes
 
 
-def _array_shape(file: Any) -> tuple[int, ...]:
+def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
+    """The shape in the header of an array, which must fit into `size` bytes."""
     from numpy.lib import format as npy
 
     read = npy.read_array_header_1_0 if npy.read_magic(file) == (1, 0) else npy.read_array_header_2_0
-    return tuple(read(file)[0])
+    shape, _, dtype = read(file)
+    require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
+    return tuple(shape)

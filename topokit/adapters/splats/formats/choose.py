@@ -17,8 +17,9 @@ from topokit.adapters.splats.formats.sog import read_sog
 from topokit.adapters.splats.formats.splat import read_splat
 from topokit.adapters.splats.formats.spz import read_spz, starts_spz
 from topokit.adapters.splats.formats.table import CONVERTER, SplatTable
-from topokit.errors import UnknownFormatError, reading
+from topokit.errors import UnknownFormatError
 from topokit.inputs.files import ZIP, head, ply_kind, ply_properties
+from topokit.inputs.reading import reading
 
 Reader = Callable[[Path], SplatTable]
 

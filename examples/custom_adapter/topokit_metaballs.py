@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topokit import Adapter
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
 from topokit.inputs.files import head
+from topokit.inputs.reading import reading
 
 if TYPE_CHECKING:
     import torch
@@ -56,8 +57,11 @@ def _read(path: Path) -> tuple[torch.Tensor, torch.Tensor]:
     import torch
 
     with reading(path, "the metaballs reader"):
-        words = path.read_text(encoding="utf-8").split()
-        table = torch.tensor([float(word) for word in words[2:]], dtype=torch.float64).reshape(int(words[1]), 4)
+        _, count, *numbers = path.read_text(encoding="utf-8").split()
+        table = torch.tensor([float(number) for number in numbers], dtype=torch.float64)
+        if len(table) != 4 * int(count):
+            raise ReadError(f"{path} announces {count} balls of four numbers each and holds {len(table)} numbers.")
+    table = table.reshape(-1, 4)
     if len(table) == 0 or not bool(table.isfinite().all()) or not bool((table[:, 3] > 0).all()):
         raise ReadError(f"{path}: every line must be x y z and a positive radius, and there must be one.")
     return table[:, :3], table[:, 3]

@@ -22,7 +22,8 @@ from topokit.adapters.points.entry import POINTS
 from topokit.adapters.splats.entry import SPLATS
 from topokit.adapters.voxels.entry import VOXELS
 from topokit.core.samples import SurfaceSamples
-from topokit.errors import AdapterError, ReadError, reading
+from topokit.errors import AdapterError, ReadError
+from topokit.inputs.reading import reading
 from topokit.plugins import registry
 from topokit.testing import AdapterConformance, icosphere, sphere_samples, torus_mesh, torus_samples
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import tokenize
 import zipfile
 from pathlib import Path
 from typing import Any, Literal
 
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
 from topokit.inputs.files import ZIP
+from topokit.inputs.reading import reading, require_bytes, require_expansion
 
 NUMPY = b"\x93NUMPY"
 
@@ -30,23 +33,29 @@ def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Shapes of the arrays in a .npy or .npz file by lower-case name ("" for .npy), from their headers alone.
 
     Raises:
-        ReadError: if it is malformed.
+        ReadError: if it is malformed, or a header announces more than the file holds.
     """
     shapes = {}
-    with reading(path, "the NumPy reader"):
+    damaged = (NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError)  # of zipfile and of numpy's parser
+    with reading(path, "the NumPy reader", *damaged):
         if not zipfile.is_zipfile(path):
             with path.open("rb") as file:
-                return {"": _array_shape(file)}
+                return {"": _array_shape(file, path, path.stat().st_size)}
         with zipfile.ZipFile(path) as archive:
-            for name in archive.namelist():
+            for entry in archive.infolist():
+                name = entry.filename
                 if name.endswith(".npy"):
-                    with archive.open(name) as member:
-                        shapes[name.removesuffix(".npy").lower()] = _array_shape(member)
+                    require_expansion(path, entry.file_size, path.stat().st_size)
+                    with archive.open(entry) as member:
+                        shapes[name.removesuffix(".npy").lower()] = _array_shape(member, path, entry.file_size)
     return shapes
 
 
-def _array_shape(file: Any) -> tuple[int, ...]:
+def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
+    """The shape in the header of an array, which must fit into `size` bytes."""
     from numpy.lib import format as npy
 
     read = npy.read_array_header_1_0 if npy.read_magic(file) == (1, 0) else npy.read_array_header_2_0
-    return tuple(read(file)[0])
+    shape, _, dtype = read(file)
+    require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
+    return tuple(shape)

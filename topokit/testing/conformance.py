@@ -248,7 +248,7 @@ class AdapterConformance:
         if isinstance(refusal, AdapterError):
             raise AssertionError(
                 f"{what} makes open() raise {summary(refusal.__cause__)}. A TopokitError that names the file was "
-                'expected: read it in `with topokit.errors.reading(path, "the ... reader"):`.'
+                'expected: read it in `with topokit.inputs.reading.reading(path, "the ... reader"):`.'
             ) from refusal
         assert refusal is not None or not must, (
             f"{what} is opened as if it were complete; a TopokitError that names the file was expected."

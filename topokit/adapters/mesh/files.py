@@ -13,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.polygons import fans
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
 from topokit.inputs.files import head
+from topokit.inputs.reading import reading
+
+# What trimesh raises on damaged files, beside ValueError and the like.
+_OF_TRIMESH = (
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NotImplementedError),
+    *(RuntimeError, SyntaxError, TypeError),
+)
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -36,9 +43,9 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     level = quiet.level
     quiet.setLevel(logging.CRITICAL)  # missing textures do not matter here
     try:
-        with reading(path, "trimesh", extra="topokit[formats]"):
-            kind = _file_type(path, beginning)
-            content = path if kind != "obj" else _bare_obj(path)
+        kind = _file_type(path, beginning)
+        content = path if kind != "obj" else _bare_obj(path)
+        with reading(path, "trimesh", *_OF_TRIMESH, extra="topokit[formats]"):
             mesh = _flattened(trimesh.load_scene(content, file_type=kind, process=False))
             vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     finally:
@@ -61,8 +68,8 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise ReadError(f"{path} is not an OFF file: it does not begin with OFF.")
     rows[0] = rows[0][1:]
     rows = rows if rows[0] else rows[1:]
-    if not rows:
-        raise ReadError(f"{path} ends after its first line: vertex and face counts are missing.")
+    if not rows or len(rows[0]) < 2:
+        raise ReadError(f"{path} has no vertex and face counts after its first word; it is truncated.")
     n_vertices, n_faces = int(rows[0][0]), int(rows[0][1])
     if len(rows) < 1 + n_vertices + n_faces:
         raise ReadError(

@@ -15,8 +15,9 @@ from topokit.adapters.splats.formats.sog import read_sog
 from topokit.adapters.splats.formats.splat import read_splat
 from topokit.adapters.splats.formats.spz import read_spz
 from topokit.adapters.splats.formats.table import CONVERTER, SplatTable
-from topokit.errors import UnknownFormatError, reading
+from topokit.errors import UnknownFormatError
 from topokit.inputs.files import head
+from topokit.inputs.reading import reading
 
 _READERS: dict[Format, Callable[[Path], SplatTable]] = {
     "ply": read_ply,

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, require_bytes
+from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable
 from topokit.errors import ReadError
+from topokit.inputs.reading import require_bytes
 
 _HEADER, _SECTION = 4096, 1024
 _SH_VALUES = (0, 9, 24, 45)  # by degree
@@ -92,7 +93,7 @@ def _row(level: int, sh_degree: int) -> np.dtype[np.void]:
 
 
 def _in_buckets(path: Path, section: _Section, steps: Floats, buckets: bytes) -> Floats:
-    """Positions from 16-bit steps around the centre of each splat's bucket."""
+    """Positions from 16-bit steps around the center of each splat's bucket."""
     sizes = np.frombuffer(buckets, dtype="<u4", count=section.n_partial)
     if section.bucket_bytes < 12 or section.n_full + section.n_partial > section.n_buckets:
         raise ReadError(f"{path}: the buckets of a section do not add up; the file is damaged.")

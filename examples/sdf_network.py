@@ -42,10 +42,10 @@ def main() -> None:
     print(shape.report())
 
     print(f"\nGauss–Bonnet on {shape.samples.n_points} samples: {shape.euler().item():+.3f}")
-    smoothed = shape.euler(method="field")
+    smoothed = shape.smoothed_euler()
     print(f"χ averaged over levels near 0:     {smoothed.item():+.3f}")
 
-    shape.euler(method="field", tau=0.1).backward()
+    shape.smoothed_euler(0.1).backward()
     largest = max(float(weight.grad.abs().max()) for weight in net.parameters() if weight.grad is not None)
     print(f"largest |dχ_τ/dweight| at τ = 0.1:  {largest:.3g}")
 

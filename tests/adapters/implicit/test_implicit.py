@@ -82,7 +82,7 @@ def test_integer_of_functions_that_are_no_distances(f: Function, euler: int, gen
 
 def test_hollow_ball_has_a_cavity() -> None:
     report = tk.from_sdf(lambda x: (x.norm(dim=1) - 0.6).abs() - 0.2, bounds=BOX, **ROUGH).report()
-    assert (report.components, report.cavities, report.betti) == (2, 1, (2, 0, 2))
+    assert (report.components, report.cavities, report.surface_betti) == (2, 1, (2, 0, 2))
 
 
 def test_occupancy_is_the_other_way_round() -> None:
@@ -370,7 +370,7 @@ def test_field_gradient_in_the_weights_gradcheck(activation: nn.Module) -> None:
     def euler(*values: Tensor) -> Tensor:
         function = lambda x: torch.func.functional_call(net, dict(zip(names, values, strict=True)), (x,))  # noqa: E731
         shape = tk.from_sdf(lambda x: function(x.double()), bounds=BOX, field_resolution=8)
-        return shape.euler(method="field", tau=0.1)
+        return shape.smoothed_euler(0.1)
 
     assert torch.autograd.gradcheck(euler, tuple(w.detach().requires_grad_(True) for w in weights))
 
@@ -419,11 +419,13 @@ def test_gauss_bonnet_gradient_against_differences_of_the_same_feet() -> None:
         assert float(found[i, j]) == pytest.approx((values[0] - values[1]) / 2e-5, rel=1e-3, abs=1e-6)
 
 
-@pytest.mark.parametrize("options", [{}, {"method": "field", "tau": 0.1}], ids=["gauss-bonnet", "field"])
+@pytest.mark.parametrize(
+    "ask", [tk.Shape.euler, lambda shape: shape.smoothed_euler(0.1)], ids=["gauss-bonnet", "field"]
+)
 @pytest.mark.parametrize("activation", [nn.ReLU(), Sine(), nn.Softplus(100)])
-def test_gradients_are_finite(activation: nn.Module, options: dict[str, Any]) -> None:
+def test_gradients_are_finite(activation: nn.Module, ask: Callable[[tk.Shape], Tensor]) -> None:
     net = network(activation, torch.float32)
-    tk.from_sdf(net, bounds=BOX, **ROUGH).euler(**options).backward()
+    ask(tk.from_sdf(net, bounds=BOX, **ROUGH)).backward()
     grads = [weight.grad for weight in net.parameters() if weight.grad is not None]
     assert grads
     assert all(bool(grad.isfinite().all()) for grad in grads)
@@ -441,7 +443,7 @@ def test_samples_of_a_plain_function_move_with_its_parameters() -> None:
 def test_field_gradient_of_a_plain_function_against_differences() -> None:
     def euler(radius: Tensor) -> Tensor:
         shape = tk.from_sdf(lambda x: torus(x.double(), minor=radius), bounds=BOX, **ROUGH)
-        return shape.euler(method="field", tau=0.1)
+        return shape.smoothed_euler(0.1)
 
     radius = torch.tensor(0.45, dtype=torch.float64, requires_grad=True)
     (slope,) = torch.autograd.grad(euler(radius), radius)
@@ -461,16 +463,16 @@ def test_report_first_does_not_lose_the_gradient() -> None:
 
 def test_tau_zero_is_the_integer_and_the_default_is_near() -> None:
     shape = tk.from_sdf(torus, bounds=BOX, **ROUGH)
-    assert int(shape.euler(method="field", tau=0)) == 0
-    assert abs(float(shape.euler(method="field"))) < 0.5
-    assert float(shape.euler(method="field")) != 0
+    assert int(shape.smoothed_euler(0)) == 0
+    assert abs(float(shape.smoothed_euler())) < 0.5
+    assert float(shape.smoothed_euler()) != 0
 
 
-def test_method_is_checked() -> None:
+def test_tau_is_checked() -> None:
     shape = tk.from_sdf(torus, bounds=BOX, **ROUGH)
-    for wrong in ({"method": "persistence"}, {"tau": 0.1}, {"method": "field", "tau": -1.0}):
-        with pytest.raises(tk.TopokitError):
-            shape.euler(**wrong)
+    for wrong in (-1.0, float("inf"), float("nan")):
+        with pytest.raises(tk.InputError, match="tau must be a positive number"):
+            shape.smoothed_euler(wrong)
 
 
 def test_same_generator_same_samples() -> None:
@@ -503,13 +505,13 @@ def test_the_level_decides_the_topology() -> None:
     genera = {level: tk.from_sdf(torus, bounds=BOX, level=level, **ROUGH).genus() for level in (-0.1, 0.0, 0.37)}
     assert genera == {-0.1: 1, 0.0: 1, 0.37: 0}  # the hole of radius 0.35 is closed
     closed = tk.from_sdf(torus, bounds=BOX, level=0.37, **ROUGH)
-    assert int(closed.euler(method="field", tau=0)) == 2
+    assert int(closed.smoothed_euler(0)) == 2
 
 
 def test_a_level_moves_the_gradient_too() -> None:
     def euler(level: float, radius: Tensor) -> Tensor:
         shape = tk.from_sdf(lambda x: torus(x.double(), minor=radius), bounds=BOX, level=level, **ROUGH)
-        return shape.euler(method="field", tau=0.1)
+        return shape.smoothed_euler(0.1)
 
     thin, thick = (torch.tensor(r, dtype=torch.float64, requires_grad=True) for r in (0.25, 0.45))
     torch.testing.assert_close(euler(0.2, thin), euler(0.0, thick))
@@ -532,9 +534,7 @@ def test_compiled_networks_are_reported_and_differentiated() -> None:
         torch.autograd.grad(one.curvature().gaussian.sum(), list(net.parameters())) for one in (shape, expected)
     ]
     torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-3)
-    gradients = [
-        torch.autograd.grad(one.euler(method="field", tau=0.1), list(net.parameters())) for one in (shape, expected)
-    ]
+    gradients = [torch.autograd.grad(one.smoothed_euler(0.1), list(net.parameters())) for one in (shape, expected)]
     torch.testing.assert_close(gradients[0], gradients[1])
 
 

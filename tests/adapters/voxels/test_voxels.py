@@ -79,7 +79,7 @@ def test_gray_and_labeled_volumes() -> None:
 def test_nesting_of_a_ball_in_a_shell() -> None:
     x = torch.stack(torch.meshgrid(*[torch.linspace(-1, 1, 41)] * 3, indexing="ij")).norm(dim=0)
     report = tk.from_voxels((x < 0.3) | ((x > 0.5) & (x < 0.8)), spacing=0.05).report()
-    assert (report.euler, report.components, report.cavities, report.betti) == (6, 3, 1, (3, 0, 3))
+    assert (report.euler, report.components, report.cavities, report.surface_betti) == (6, 3, 1, (3, 0, 3))
     outer, wall, inner = report.per_component
     assert (outer.depth, wall.depth, inner.depth) == (0, 1, 2)
     assert (outer.inside, wall.inside, inner.inside) == (None, 0, 1)
@@ -109,7 +109,7 @@ def test_gradient_reaches_the_gray_values() -> None:
     gray.requires_grad_(True)
 
     def euler(volume: torch.Tensor) -> torch.Tensor:
-        return tk.from_voxels(volume, level=0.01, connectivity=26).euler(method="field", tau=0.05)
+        return tk.from_voxels(volume, level=0.01, connectivity=26).smoothed_euler(0.05)
 
     assert torch.autograd.gradcheck(euler, (gray,))
 
@@ -121,7 +121,7 @@ def test_gradient_wants_the_tunnel_filled() -> None:
     tunnel = (slice(5, 7), slice(5, 7), slice(1, 6))
     gray[tunnel] = -0.2
     gray.requires_grad_(True)
-    tk.from_voxels(gray, level=0.0).euler(method="field", tau=0.05).backward()
+    tk.from_voxels(gray, level=0.0).smoothed_euler(0.05).backward()
     assert float(gray.grad[tunnel].sum()) > 0.1
     outside = gray.grad.clone()
     outside[tunnel] = 0
@@ -131,7 +131,7 @@ def test_gradient_wants_the_tunnel_filled() -> None:
 def test_tau_zero_is_the_exact_integer() -> None:
     for kind in (torus_volume() > 0, torus_volume(), (torus_volume() > 0).int() * 4):
         shape = tk.from_voxels(kind, level=0.0)
-        value = shape.euler(method="field", tau=0)
+        value = shape.smoothed_euler(0)
         assert int(value) == shape.report().euler == 0
 
 
@@ -214,7 +214,7 @@ def test_nan_is_background_and_said() -> None:
     shape = tk.from_voxels(gray, level=0.0)
     assert shape.report().euler == 0
     assert shape.report().reasons[0] == "NaN counts as background, in 1 voxel."
-    assert float(shape.euler(method="field", tau=0.02)) == pytest.approx(0, abs=0.1)
+    assert float(shape.smoothed_euler(0.02)) == pytest.approx(0, abs=0.1)
 
 
 # files
@@ -277,4 +277,4 @@ def test_real_volumes(real_data: Path) -> None:
     for row in rows:
         for connectivity in (26, 6):
             shape = tk.from_voxels(real_data / row["path"], connectivity=connectivity)
-            assert int(shape.euler(method="field", tau=0)) == 2 * row[f"solid_chi_{connectivity}"], row["name"]
+            assert int(shape.smoothed_euler(0)) == 2 * row[f"solid_chi_{connectivity}"], row["name"]

@@ -140,7 +140,7 @@ def _count_6(codes: Codes) -> Counts:
 def _count_26(codes: Codes) -> Counts:
     """26-components of the 26-neighborhood."""
     around = codes & _AROUND
-    return _count(around, _flood(around & -around, around, _grow_all_round))
+    return _count(around, _flood(around & -around, around, _grow_across_corners))
 
 
 def _flood(seed: Codes, within: Codes, grow: Callable[[Codes], Codes]) -> Codes:
@@ -159,7 +159,7 @@ def _grow_across_faces(codes: Codes) -> Codes:
     return grown
 
 
-def _grow_all_round(codes: Codes) -> Codes:
+def _grow_across_corners(codes: Codes) -> Codes:
     """One axis after the other: a step across an edge or a corner is one along two or three axes."""
     for shift, up, down in _AXES:
         codes = codes | ((codes & up) << shift) | ((codes & down) >> shift)

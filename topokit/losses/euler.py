@@ -10,7 +10,7 @@ from typing import Any, Literal
 import torch
 from torch import Tensor, nn
 
-from topokit.core.grid.euler import at_least_single, smoothed_euler
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, at_least_single, smoothed_euler
 from topokit.core.grid.field import Field, median_step_at_crossings
 from topokit.core.homotopy.nearest_solid import Change
 from topokit.errors import InputError
@@ -77,7 +77,7 @@ class EulerLoss(nn.Module):
         cavities: int = 0,
         change: Change = "any",
         level: float = 0.0,
-        connectivity: int = 6,
+        connectivity: int = DEFAULT_CONNECTIVITY,
         euler_weight: float = 0.0,
         refresh: int = 20,
         look_every: int = 1,

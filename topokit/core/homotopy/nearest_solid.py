@@ -126,7 +126,7 @@ def cost(field: Values, solid: Bools) -> float:
 
 def _levels(field: Values, betti: Betti, change: Change) -> list[float]:
     """Levels whose solid has the wanted Euler characteristic or is near to having it, the nearest level first."""
-    index = critical_index(field).numpy()
+    index = critical_index(field, 6).numpy()
     values, jumps = field[index != 0], index[index != 0]
     order = np.argsort(-values, kind="stable")
     upper, euler = values[order], np.cumsum(jumps[order], dtype=np.int64)  # just below each value

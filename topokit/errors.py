@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 
 class TopokitError(Exception):
     """Base class of every error that topokit raises on purpose."""
@@ -39,59 +33,6 @@ class AdapterWarning(UserWarning):
 
 class GenusError(TopokitError, ValueError):
     """Genus has no meaning for this surface (open, non-manifold, not orientable) or is not known."""
-
-
-# What third-party readers raise on malformed files. Programming errors of ours (NameError, ...) are left out.
-_READER_ERRORS: tuple[type[Exception], ...] = (
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    EOFError,
-    LookupError,
-    MemoryError,
-    NotImplementedError,
-    OSError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-
-
-@contextmanager
-def reading(path: object, reader: str, *own_errors: type[Exception], extra: str | None = None) -> Iterator[None]:
-    """Turn whatever a third-party reader raises on a broken file into a `ReadError` that names file and reader.
-
-    Args:
-        path: the file, for the message.
-        reader: who reads it, for the message.
-        own_errors: exception classes of the reader's own.
-        extra: what to install if the reader lacks a package. Without it its ImportError passes, and `load` names the
-            adapter's own `extra`.
-
-    Raises:
-        ReadError: instead of the reader's own exception, which stays attached as the cause.
-        MissingDependencyError: if the reader lacks a package of its own, and `extra` is given.
-    """
-    try:
-        yield
-    except TopokitError:
-        raise
-    except ImportError as error:
-        if extra is None:
-            raise
-        raise MissingDependencyError(
-            f"Reading {path} with {reader} needs a package that is not installed ({error}). "
-            f'Install the readers: pip install "{extra}".'
-        ) from error
-    except (*_READER_ERRORS, *own_errors) as error:
-        raise ReadError(
-            f"{path} could not be read by {reader} ({summary(error)}). "
-            "The file seems to be truncated or malformed; export it again or check it in another program."
-        ) from error
 
 
 def summary(error: BaseException | None) -> str:

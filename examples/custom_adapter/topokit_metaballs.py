@@ -1,4 +1,4 @@
-"""Metaballs: balls that flow into each other, as a text file of centres and radii."""
+"""Metaballs: balls that blend into each other, as a text file of centers and radii."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topokit import Adapter
-from topokit.errors import ReadError, reading
+from topokit.errors import ReadError
 from topokit.inputs.files import head
+from topokit.inputs.reading import reading
 
 if TYPE_CHECKING:
     import torch
@@ -23,7 +24,7 @@ class Metaballs(Adapter):
     """
 
     name = "metaballs"
-    description = "metaballs: centres and radii as text"
+    description = "metaballs: centers and radii as text"
     suffixes = (".metaballs",)
 
     def can_open(self, source: Path) -> bool:
@@ -48,18 +49,19 @@ class Metaballs(Adapter):
 
         reach = float(radii.max()) * math.sqrt(1 + math.log(len(radii))) * 1.05  # if all balls were in one place
         bounds = (centers.amin(dim=0) - reach).tolist(), (centers.amax(dim=0) + reach).tolist()
-        shape = topokit.from_sdf(below, bounds, resolution=resolution, n_samples=n_samples, generator=generator)
-        shape.name = source.name
-        return shape
+        return topokit.from_sdf(below, bounds=bounds, resolution=resolution, n_samples=n_samples, generator=generator)
 
 
 def _read(path: Path) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centres (N, 3) and radii (N,)."""
+    """Centers (N, 3) and radii (N,)."""
     import torch
 
     with reading(path, "the metaballs reader"):
-        words = path.read_text(encoding="utf-8").split()
-        table = torch.tensor([float(word) for word in words[2:]], dtype=torch.float64).reshape(int(words[1]), 4)
+        _, count, *numbers = path.read_text(encoding="utf-8").split()
+        table = torch.tensor([float(number) for number in numbers], dtype=torch.float64)
+        if len(table) != 4 * int(count):
+            raise ReadError(f"{path} announces {count} balls of four numbers each and holds {len(table)} numbers.")
+    table = table.reshape(-1, 4)
     if len(table) == 0 or not bool(table.isfinite().all()) or not bool((table[:, 3] > 0).all()):
         raise ReadError(f"{path}: every line must be x y z and a positive radius, and there must be one.")
     return table[:, :3], table[:, 3]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.labels import connected_labels
 from topokit.errors import InputError
 
 _CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
@@ -69,12 +68,7 @@ def neighbor_components(neighbors: Tensor) -> Tensor:
     n_points, n_neighbors = neighbors.shape
     columns = neighbors.cpu().numpy().ravel()
     rows = np.repeat(np.arange(n_points), n_neighbors)
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n_points, n_points))
-    _, labels = connected_components(graph, directed=False)
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty_like(first)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return torch.from_numpy(rank[inverse].astype(np.int64)).to(neighbors.device)
+    return torch.from_numpy(connected_labels(n_points, rows, columns)).to(neighbors.device)
 
 
 def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:

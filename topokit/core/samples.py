@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -65,15 +67,42 @@ class SurfaceSamples:
         """Normals (..., N, 3) as given, or the third axis of the frames; None if there are neither."""
         return self.frames[..., 2, :] if self.frames is not None else self.normals
 
+    def to(self, *args: Any, **kwargs: Any) -> SurfaceSamples:
+        """The samples on another device or in another floating type; arguments as for `torch.Tensor.to`."""
+        return self._map(lambda value, kept: value.to(*args, **kwargs))
+
+    def versions(self) -> tuple[int, ...]:
+        """Counters that change when a tensor is changed in place."""
+        tensors = (self.points, self.normals, self.frames, self.areas)
+        return tuple(tensor._version for tensor in tensors if tensor is not None)
+
+    def items(self) -> tuple[SurfaceSamples, ...]:
+        """The samples of each batch item, detached, in the order of the merged batch dimensions."""
+        n_points = self.n_points
+        merged = self._map(lambda value, kept: value.detach().reshape(-1, n_points, *value.shape[value.ndim - kept :]))
+
+        def item(index: int) -> SurfaceSamples:
+            return merged._map(lambda value, kept: value[index])
+
+        return tuple(map(item, range(len(merged.points))))
+
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""
 
-        def merge(value: Tensor | None, kept: int) -> Tensor | None:
-            return None if value is None else value.reshape(-1, *value.shape[value.ndim - kept :])
+        return self._map(lambda value, kept: value.reshape(-1, *value.shape[value.ndim - kept :]))
 
-        points = self.points.reshape(-1, 3)
+    def _map(self, change: Callable[[Tensor, int], Tensor]) -> SurfaceSamples:
+        """The samples with every tensor changed; the function also gets how many axes belong to one sample."""
+
+        def changed(value: Tensor | None, kept: int) -> Tensor | None:
+            return None if value is None else change(value, kept)
+
         return SurfaceSamples(
-            points, merge(self.normals, 1), merge(self.frames, 2), merge(self.areas, 0), self.oriented
+            change(self.points, 1),
+            changed(self.normals, 1),
+            changed(self.frames, 2),
+            changed(self.areas, 0),
+            self.oriented,
         )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import struct
+import tracemalloc
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,8 @@ import pytest
 import torch
 
 import topokit as tk
-from topokit.errors import GenusError, InputError, ReadError, UnknownFormatError
+from topokit.adapters.points.files import read_points
+from topokit.errors import GenusError, InputError, MissingDependencyError, ReadError, UnknownFormatError
 from topokit.testing import sphere_samples
 
 SPHERE = sphere_samples(400)
@@ -64,8 +68,8 @@ def test_every_format_brings_its_points_and_normals(suffix: str, width: int, tmp
             assert shape.samples.normals is None
 
 
-def test_colours_are_not_taken_for_normals(tmp_path: Path) -> None:
-    path = tmp_path / "coloured.xyz"
+def test_colors_are_not_taken_for_normals(tmp_path: Path) -> None:
+    path = tmp_path / "colored.xyz"
     write(path, np.c_[TABLE[:, :3], np.random.default_rng(0).integers(0, 256, (400, 3))])
     assert tk.load(path).samples.normals is None
 
@@ -145,17 +149,17 @@ def test_normals_of_another_shape_are_explained() -> None:
     ("name", "content", "error", "message"),
     [
         ("words.txt", b"no numbers in here\n", ReadError, "holds no row of at least three numbers"),
-        ("ragged.xyz", b"1 2 3\n4 5\n", ReadError, "could not be read by the text reader"),
+        ("ragged.xyz", b"1 2 3\n4 5\n", ReadError, "could not be read by the text reader .*invalid column index"),
         ("flat.npy", None, ReadError, r"has shape \(7,\); \(N, 3\) for points or \(N, 6\)"),
-        ("cut.npy", b"\x93NUMPY\x01\x00v\x00{'descr'", ReadError, "could not be read"),
+        ("cut.npy", b"\x93NUMPY\x01\x00v\x00{'descr'", ReadError, "could not be read by the NumPy reader"),
         (
             "cut.ply",
             b"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\nproperty float x\nend_header\n",
             ReadError,
-            "could not be read|not a readable",
+            "announces 1000000000 rows of element 'vertex', which takes at least 1000000000 bytes, but has 0 bytes",
         ),
-        ("cut.pcd", b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\n", ReadError, "could not be read"),
-        ("cut.las", b"LASF" + struct.pack("<I", 7), ReadError, "could not be read"),
+        ("cut.pcd", b"# .PCD v0.7\nVERSION 0.7\nFIELDS x y z\n", ReadError, "has no complete .pcd header"),
+        ("cut.las", b"LASF" + struct.pack("<I", 7), ReadError, "could not be read by laspy"),
         ("what.xyz2", b"1 2 3\n", UnknownFormatError, r"'.xyz2' is not a known format.*Known: .3mf, .asc"),
         ("archive.zip", b"PK\x03\x04 something else", UnknownFormatError, "is a zip archive: unpack it first"),
     ],
@@ -175,8 +179,146 @@ def test_broken_files_are_explained(
 def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "objects.npy"
     np.save(path, np.array([{"code": "runs"}], dtype=object), allow_pickle=True)
-    with pytest.raises(ReadError, match="could not be read"):
+    with pytest.raises(ReadError, match="Object arrays cannot be loaded"):
         tk.load(path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1,5 -2,25 3,0\n4 5,5 6,125e1\n",
+        "1,5;-2,25;3,0\n4;5,5;6,125e1;\n",
+        "1,5; -2,25; 3,0\r\n4; 5,5; 6,125e1\r\n",
+        "1,5, -2,25, 3,0\n4, 5,5, 6,125e1\n",
+        "# x y z\nX;Y;Z\n1,5\t-2,25\t3,0\n4\t5,5\t6,125e1\n",
+        "1.5,-2.25,3.0,a tree\n4,5.5,61.25,a house\n",
+        "1.5, -2.25, 3.0\n4, 5.5, 61.25\n",
+        "1.5;-2.25;3.0\n4;5.5;61.25\n",
+        "x,y,z\n1.5,-2.25,3\n4,5.5,61.25\n",
+    ],
+)
+def test_decimal_commas_and_separators_are_told_apart(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.csv"
+    path.write_bytes(text.encode())
+    np.testing.assert_array_equal(read_points(path)[0], [[1.5, -2.25, 3], [4, 5.5, 61.25]])
+
+
+def test_integers_are_not_taken_for_decimal_commas(tmp_path: Path) -> None:
+    path = tmp_path / "pixels.csv"
+    path.write_text("1,2,3\n4,5,6\n")
+    np.testing.assert_array_equal(read_points(path)[0], [[1, 2, 3], [4, 5, 6]])
+    path.write_text("10,20,30,255,0,128\n11,21,31,0,0,0\n")
+    np.testing.assert_array_equal(read_points(path)[0], [[10, 20, 30], [11, 21, 31]])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "0,5,0,25,0,125\n0,188817,0,412345,0,25\n",
+            r"'0,188817,0,412345,0,25' may be 6 integers or 3 numbers with decimal commas",
+        ),
+        ("1,05,2,5,3,5\n", "may be 6 integers or 3 numbers with decimal commas"),
+        ("1,234.5 2,345.5 3,456.5\n", "the commas may be decimal signs, thousands separators or column separators"),
+        ("1,000,000 2,000,000 3,000,000\n", "the commas may be decimal signs, thousands separators"),
+        ("1 2 3\n1,5 2.5 3,5\n", "the commas may be decimal signs"),
+    ],
+)
+def test_ambiguous_commas_are_refused_with_what_to_do(text: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.csv"
+    path.write_text(text)
+    with pytest.raises(ReadError, match=message + r".*Write numbers with decimal points"):
+        read_points(path)
+
+
+def las_bytes(tmp_path: Path, n_points: int = 40) -> bytearray:
+    laspy = pytest.importorskip("laspy")
+    file = laspy.create(point_format=0, file_version="1.2")
+    file.x = file.y = file.z = np.arange(n_points, dtype=float)
+    file.write(tmp_path / "intact.las")
+    return bytearray((tmp_path / "intact.las").read_bytes())
+
+
+def damaged_headers(tmp_path: Path) -> dict[str, bytes]:
+    """Files of a few kilobytes whose headers announce gigabytes."""
+    las_points, las_records = las_bytes(tmp_path), las_bytes(tmp_path)
+    las_points[107:111] = las_records[100:104] = (10**9).to_bytes(4, "little")
+    array = io.BytesIO()
+    np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": (10**9, 3)})
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w") as file:
+        file.writestr("points.npy", array.getvalue() + bytes(100))
+    pcd = (
+        "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1000000000\nHEIGHT 1\nPOINTS 1000000000\n"
+    )
+    xyz = "".join(f"property float {axis}\n" for axis in "xyz")
+    return {
+        "points.las": bytes(las_points),
+        "records.las": bytes(las_records),
+        "cloud.npy": array.getvalue() + bytes(100),
+        "cloud.npz": archive.getvalue(),
+        "binary.pcd": f"{pcd}DATA binary\n".encode() + bytes(100),
+        "packed.pcd": f"{pcd}DATA binary_compressed\n".encode() + struct.pack("<II", 92, 4 * 10**9) + bytes(92),
+        "binary.ply": f"ply\nformat binary_little_endian 1.0\nelement vertex 1000000000\n{xyz}end_header\n".encode(),
+        "text.ply": f"ply\nformat ascii 1.0\nelement vertex 1000000000\n{xyz}end_header\n0 0 0\n".encode(),
+    }
+
+
+def test_no_header_is_trusted_with_memory(tmp_path: Path) -> None:
+    for name, content in damaged_headers(tmp_path).items():
+        path = tmp_path / name
+        path.write_bytes(content)
+        tracemalloc.start()  # counts what is asked for, touched or not
+        with pytest.raises(ReadError, match=f"{name} .*announces"):
+            read_points(path)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 32 << 20, f"{name} of {len(content)} bytes takes {peak >> 20} MiB"
+
+
+@pytest.mark.parametrize("suffix", [".xyz", ".csv", ".npy", ".npz", ".ply", ".pcd", ".las"])
+def test_damaged_files_end_in_a_read_error(suffix: str, tmp_path: Path) -> None:
+    """Bits flipped, bytes cut out, ends cut off: a bug of a reader would come out as what it is."""
+    path = tmp_path / f"cloud{suffix}"
+    write(path, TABLE[:40])
+    intact = path.read_bytes()
+    rng = np.random.default_rng(0)
+    refusals = []
+    for _ in range(300):
+        content = bytearray(intact)
+        for at in rng.integers(0, len(content) if rng.random() < 0.5 else 200, size=int(rng.integers(1, 4))):
+            content[at] = int(rng.integers(256))
+        start = int(rng.integers(0, len(content)))
+        if rng.random() < 0.5:
+            del content[start : start + int(rng.integers(1, 2 * len(content)))]
+        path.write_bytes(content)
+        try:
+            points, normals = read_points(path)
+        except ReadError as error:
+            refusals.append(str(error))
+        else:
+            assert points.shape[1] == 3
+            assert normals is None or normals.shape[1] == 3
+    assert len(refusals) > 60
+    assert all(path.name in refusal for refusal in refusals)
+
+
+def test_compressed_las_without_a_backend_names_what_to_install(tmp_path: Path) -> None:
+    laspy = pytest.importorskip("laspy")
+    if laspy.LazBackend.detect_available():
+        pytest.skip("a backend for .laz is installed")
+    content = las_bytes(tmp_path)
+    content[104] |= 128  # the point format of compressed points
+    (tmp_path / "cloud.laz").write_bytes(content)
+    with pytest.raises(MissingDependencyError, match="pip install lazrs"):
+        read_points(tmp_path / "cloud.laz")
+
+
+def test_arrays_that_are_no_real_numbers_are_refused(tmp_path: Path) -> None:
+    for values in (np.zeros((30, 3), complex), np.full((30, 3), "a")):
+        np.save(tmp_path / "cloud.npy", values)
+        with pytest.raises(ReadError, match=r"holds an array of .*; real numbers were expected"):
+            read_points(tmp_path / "cloud.npy")
 
 
 def test_missing_files_directories_and_names(tmp_path: Path) -> None:

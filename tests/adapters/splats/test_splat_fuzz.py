@@ -29,7 +29,7 @@ from splat_writers import (
 
 import topokit as tk
 
-N_FILES = 2000
+N_FILES = int(__import__("os").environ.get("NF", 2000))
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used
 MEBIBYTES = 64  # of growth per format, where the files have kilobytes

@@ -13,10 +13,11 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from topokit.adapters.splats.entry import scene_file
 from topokit.adapters.splats.formats.choose import read_splats
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
-from topokit.inputs.files import existing_file, file_of_folder
+from topokit.inputs.files import existing_file
 
 _COLUMNS = (
     *("x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2", "opacity"),
@@ -78,7 +79,7 @@ class GaussianSplats:
             UnknownFormatError: if it is in none of these formats.
             MissingDependencyError: if .sog or .spz 4 need a package that is not installed.
         """
-        table = read_splats(existing_file(file_of_folder(source)))
+        table = read_splats(existing_file(scene_file(source)))
         return cls(*(torch.from_numpy(np.ascontiguousarray(column)) for column in table))
 
     @classmethod

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.entry import NRRD, TIFF, Voxels, is_nifti
-from topokit.errors import MissingDependencyError, ReadError, reading
-from topokit.inputs.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
+from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
+from topokit.core.grid.grid import Spacing
+from topokit.errors import MissingDependencyError, ReadError
+from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
+from topokit.inputs.numpy_header import NUMPY, array_shapes
+from topokit.inputs.reading import reading
 
-Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
 
@@ -39,16 +41,17 @@ def _reader(path: Path) -> Callable[[Path], Volume]:
     for looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
             return reader
-    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(Voxels.suffixes)}.")
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
 
 
 def _read_npy(path: Path) -> Volume:
+    array_shapes(path)  # refuses a header that does not fit the file
     return np.load(path, allow_pickle=False), None
 
 
 def _read_npz(path: Path) -> Volume:
+    shapes = array_shapes(path)
     with np.load(path, allow_pickle=False) as archive:
-        shapes = array_shapes(path)
         volumes = [name for name in archive.files if len(shapes.get(name.lower(), ())) == 3]
         if len(volumes) != 1:
             held = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
@@ -64,15 +67,14 @@ def _read_nifti(path: Path) -> Volume:
         import nibabel
         from nibabel.filebasedimages import ImageFileError
         from nibabel.spatialimages import HeaderDataError
+        from nibabel.wrapstruct import WrapStructError
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = _bytes(path)
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
-    try:
+    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, MemoryError):
         image = kind.from_bytes(data)
         array = np.asanyarray(image.dataobj)
-    except (ImageFileError, HeaderDataError) as error:
-        raise ReadError(f"{path} is not a readable .nii file: {error}.") from error
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     return array, _triple(image.header.get_zooms()[:3])
@@ -90,10 +92,8 @@ def _read_nrrd(path: Path) -> Volume:
         import nrrd
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
-    try:
+    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError, MemoryError):
         array, header = nrrd.read(str(path))
-    except nrrd.NRRDError as error:
-        raise ReadError(f"{path} is not a readable .nrrd file: {error}.") from error
     if "space directions" in header:
         return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
     return array, _triple(header["spacings"]) if "spacings" in header else None
@@ -104,10 +104,17 @@ def _read_tiff(path: Path) -> Volume:
         import tifffile
     except ImportError as error:
         raise MissingDependencyError(f"Reading .tif needs tifffile: {_HOW}.") from error
-    try:
+    damaged = (
+        tifffile.TiffFileError,
+        ArithmeticError,
+        AssertionError,
+        LookupError,
+        MemoryError,
+        RuntimeError,
+        TypeError,
+    )
+    with reading(path, "tifffile", *damaged):
         return tifffile.imread(path), None
-    except tifffile.TiffFileError as error:
-        raise ReadError(f"{path} is not a readable .tif file: {error}.") from error
 
 
 def _triple(values: Any) -> Spacing:

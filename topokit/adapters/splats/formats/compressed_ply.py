@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.ply_header import PlyElement, PlyHeader, read_ply_header
-from topokit.adapters.splats.formats.table import Floats, SplatTable, require_bytes, with_largest
+from topokit.adapters.splats.formats.table import Floats, SplatTable, with_largest
 from topokit.errors import ReadError
+from topokit.inputs.ply import ply_elements
 
 _CHUNK = 256
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
@@ -20,7 +21,7 @@ def read_compressed_ply(path: Path) -> SplatTable:
     """Splats of a compressed .ply.
 
     Positions and log scales are 11-10-11 bits between the chunk's ends; rotations "smallest three" with 10 bits;
-    opacity is the lowest byte of the colour, already 0 … 1.
+    opacity is the lowest byte of the color, already 0 … 1.
 
     Raises:
         ReadError: if elements or properties are missing, or counts and file size do not agree.
@@ -28,12 +29,12 @@ def read_compressed_ply(path: Path) -> SplatTable:
     Reference:
         https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/
     """
-    header = read_ply_header(path)
-    vertex = _rows(header, "vertex", _PACKED, path)
+    elements = ply_elements(path)
+    vertex = _rows(elements, "vertex", _PACKED, "u", path)
+    chunk = _rows(elements, "chunk", _RANGES, "f", path)
     n_chunks = -(-len(vertex) // _CHUNK)
-    chunk = _rows(header, "chunk", _RANGES, path)
     if len(chunk) != n_chunks:
-        raise ReadError(f"{path} has {len(chunk)} chunks for {len(vertex)} splats; {n_chunks} were expected.")
+        raise ReadError(f"{path} has {len(chunk)} chunks for {len(vertex)} splats; expected {n_chunks}.")
     of_chunk = np.arange(len(vertex)) // _CHUNK
     rotation = vertex["packed_rotation"]
     thirds = np.stack([(rotation >> shift) & 1023 for shift in (20, 10, 0)], axis=1).astype(np.float32)
@@ -45,22 +46,18 @@ def read_compressed_ply(path: Path) -> SplatTable:
     )
 
 
-def _rows(header: PlyHeader, name: str, needed: tuple[str, ...], path: Path) -> NDArray[np.void]:
-    element = _checked(header, name, needed, path)
-    offset = header.offset(name, path)
-    available = path.stat().st_size - offset
-    require_bytes(path, f"{element.count} rows of {name!r}", element.count * element.row.itemsize, available)
-    return np.fromfile(path, dtype=element.row, count=element.count, offset=offset)
-
-
-def _checked(header: PlyHeader, name: str, needed: tuple[str, ...], path: Path) -> PlyElement:
-    element = header[name]
-    missing = [column for column in needed if column not in header.names(name)]
-    if element is None or missing or element.count == 0:
-        raise ReadError(f"{path}: element {name!r} of a compressed .ply must have rows of {' '.join(needed)}.")
-    if header.is_ascii:
-        raise ReadError(f"{path} is a compressed splat .ply written as text; only the binary form is defined.")
-    return element
+def _rows(
+    elements: Mapping[str, NDArray[np.void]], name: str, needed: tuple[str, ...], kind: str, path: Path
+) -> NDArray[np.void]:
+    """The rows of an element that has the properties needed, all of four bytes and of one kind ("u" or "f")."""
+    rows = elements.get(name, np.empty(0, dtype=[]))
+    types = {column: rows.dtype[column] for column in rows.dtype.names or ()}
+    if len(rows) == 0 or any(column not in types or types[column].str[1:] != f"{kind}4" for column in needed):
+        raise ReadError(
+            f"{path}: element {name!r} of a compressed .ply must have rows of {' '.join(needed)}, "
+            f"each {'uint' if kind == 'u' else 'float'}."
+        )
+    return rows
 
 
 def _lerp(packed: NDArray[np.uint32], chunk: NDArray[np.void], kind: str, of_chunk: NDArray[np.int64]) -> Floats:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, require_bytes
+from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable
 from topokit.errors import ReadError
+from topokit.inputs.reading import require_bytes
 
 _HEADER, _SECTION = 4096, 1024
 _SH_VALUES = (0, 9, 24, 45)  # by degree
@@ -62,16 +63,6 @@ def read_ksplat(path: Path) -> SplatTable:
     return SplatTable(*(np.concatenate(column) for column in zip(*tables, strict=True)))
 
 
-def starts_ksplat(beginning: bytes) -> bool:
-    """Whether a file that begins so is a .ksplat: version 0.1, level 0 to 2, and a header otherwise full of zeros."""
-    return (
-        len(beginning) >= _HEADER
-        and beginning[:4] == b"\0\1\0\0"
-        and beginning[20] <= 2
-        and not any(beginning[44:_HEADER])
-    )
-
-
 def _read_section(path: Path, content: bytes, section: _Section, level: int, at: int) -> tuple[SplatTable, int]:
     """Splats of the section whose data begin at byte `at`, and where the next section's begin."""
     if section.sh_degree >= len(_SH_VALUES) or section.n_splats > section.capacity:
@@ -102,7 +93,7 @@ def _row(level: int, sh_degree: int) -> np.dtype[np.void]:
 
 
 def _in_buckets(path: Path, section: _Section, steps: Floats, buckets: bytes) -> Floats:
-    """Positions from 16-bit steps around the centre of each splat's bucket."""
+    """Positions from 16-bit steps around the center of each splat's bucket."""
     sizes = np.frombuffer(buckets, dtype="<u4", count=section.n_partial)
     if section.bucket_bytes < 12 or section.n_full + section.n_partial > section.n_buckets:
         raise ReadError(f"{path}: the buckets of a section do not add up; the file is damaged.")

@@ -1,4 +1,4 @@
-""".sog version 2 (PlayCanvas): quantised attributes as lossless WebP images and a meta.json, zipped or in a folder."""
+""".sog version 2 (PlayCanvas): quantized attributes as lossless WebP images and a meta.json, zipped or in a folder."""
 
 from __future__ import annotations
 
@@ -12,16 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import (
-    CONVERTER,
-    Floats,
-    SplatTable,
-    require_bytes,
-    require_expansion,
-    with_largest,
-)
-from topokit.errors import MissingDependencyError, ReadError, reading
+from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
+from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, head
+from topokit.inputs.reading import reading, require_bytes, require_expansion
 
 Pixels = NDArray[np.uint8]
 _META = "meta.json"
@@ -44,7 +38,9 @@ def read_sog(path: Path) -> SplatTable:
         if head(path, 2) == b"PK":
             raise ReadError(f"{path} is a zip archive without its directory at the end: it is truncated.")
         return _decode(path, lambda name: _from_folder(path, name))
-    with zipfile.ZipFile(path) as archive:
+    with reading(path, "zipfile", NotImplementedError):
+        archive = zipfile.ZipFile(path)
+    with archive:
         return _decode(path, lambda name: _from_archive(path, archive, name))
 
 
@@ -67,20 +63,22 @@ def _from_archive(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
             f"{path}: {name} is packed by method {entries[0].compress_type}; stored or deflated is expected."
         )
     require_expansion(path, entries[0].file_size, path.stat().st_size)
-    return archive.read(entries[0])
+    with reading(path, "zipfile", RuntimeError):  # an encrypted member
+        return archive.read(entries[0])
 
 
 def _decode(path: Path, fetch: Callable[[str], bytes]) -> SplatTable:
-    meta = json.loads(fetch(_META))
+    with reading(path, "the JSON reader", RecursionError):
+        meta = json.loads(fetch(_META))
     version = meta.get("version") if isinstance(meta, dict) else None
     if version != 2:
         raise ReadError(f"{path}: its meta.json is of version {version!r}; version 2 is known. {CONVERTER}")
-    count = meta["count"]
+    count = _entry(path, meta, "count")
     if not isinstance(count, int) or count < 1:
-        raise ReadError(f"{path}: its meta.json gives {count!r} splats; a positive number was expected.")
+        raise ReadError(f"{path}: its meta.json gives {count!r} splats; expected a positive integer.")
 
     def pixels(attribute: str, which: int = 0) -> Pixels:
-        name = _plain_name(path, meta[attribute]["files"][which])
+        name = _plain_name(path, _entry(path, meta, attribute, "files", which))
         return _image(f"{name} of {path}", fetch(name), count)
 
     rotations = pixels("quats")
@@ -88,15 +86,31 @@ def _decode(path: Path, fetch: Callable[[str], bytes]) -> SplatTable:
     if (kind < 0).any():
         raise ReadError(f"{path}: {int((kind < 0).sum())} rotations are not tagged 252 to 255; the file is damaged.")
     thirds = (rotations[:, :3].astype(np.float32) / np.float32(255) * 2 - 1) * np.float32(np.sqrt(0.5))
-    codebook = np.array(meta["scales"]["codebook"], dtype=np.float32)
-    if codebook.shape != (256,):
-        raise ReadError(f"{path}: its scale codebook has shape {codebook.shape}; (256,) was expected.")
+    ends = [_numbers(path, meta, 3, "means", end) for end in ("mins", "maxs")]
+    codebook = _numbers(path, meta, 256, "scales", "codebook").astype(np.float32)
     return SplatTable(
-        _means(meta["means"], pixels("means", 0), pixels("means", 1)),
+        _means(ends[0], ends[1], pixels("means", 0), pixels("means", 1)),
         np.exp(codebook[pixels("scales")[:, :3]]),
         with_largest(kind, thirds),
         pixels("sh0")[:, 3].astype(np.float32) / np.float32(255),
     )
+
+
+def _entry(path: Path, meta: Any, *keys: str | int) -> Any:
+    """The entry of meta.json under these keys, one below the other."""
+    for key in keys:
+        entries = meta if isinstance(meta, dict) else dict(enumerate(meta)) if isinstance(meta, list) else {}
+        if key not in entries:
+            raise ReadError(f"{path}: its meta.json has no entry {'.'.join(map(str, keys))}; it is damaged.")
+        meta = entries[key]
+    return meta
+
+
+def _numbers(path: Path, meta: Any, count: int, *keys: str) -> NDArray[np.float64]:
+    values = _entry(path, meta, *keys)
+    if not isinstance(values, list) or len(values) != count or not all(isinstance(v, int | float) for v in values):
+        raise ReadError(f"{path}: {'.'.join(keys)} in its meta.json must be a list of {count} numbers.")
+    return np.array(values, dtype=np.float64)
 
 
 def _plain_name(path: Path, name: Any) -> str:
@@ -105,11 +119,10 @@ def _plain_name(path: Path, name: Any) -> str:
     return name
 
 
-def _means(meta: dict[str, Any], low: Pixels, high: Pixels) -> Floats:
+def _means(low: NDArray[np.float64], high: NDArray[np.float64], fine: Pixels, coarse: Pixels) -> Floats:
     """16 bits between minimum and maximum, then sign(v)·(e^|v| − 1)."""
-    ends = np.array([meta["mins"], meta["maxs"]], dtype=np.float64).reshape(2, 3)
-    share = (low[:, :3].astype(np.float64) + 256 * high[:, :3].astype(np.float64)) / 65535
-    value = ends[0] + (ends[1] - ends[0]) * share
+    share = (fine[:, :3].astype(np.float64) + 256 * coarse[:, :3].astype(np.float64)) / 65535
+    value = low + (high - low) * share
     means: Floats = (np.sign(value) * np.expm1(np.abs(value))).astype(np.float32)
     return means
 
@@ -124,7 +137,8 @@ def _image(name: str, content: bytes, count: int) -> Pixels:
         from PIL import Image
     except ImportError as error:
         raise MissingDependencyError('Reading .sog needs Pillow: pip install "topokit[splats]".') from error
-    with reading(name, "Pillow"), Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
+    damaged = (SyntaxError, Image.DecompressionBombError)
+    with reading(name, "Pillow", *damaged), Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
         return np.asarray(image.convert("RGBA")).reshape(-1, 4)[:count]
 
 

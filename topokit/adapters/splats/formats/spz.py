@@ -1,4 +1,4 @@
-""".spz 1 to 4 (Niantic): quantised attributes one after the other, gzipped as a whole or Zstandard per attribute."""
+""".spz 1 to 4 (Niantic): quantized attributes one after the other, gzipped as a whole or Zstandard per attribute."""
 
 from __future__ import annotations
 
@@ -10,15 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import (
-    CONVERTER,
-    Floats,
-    SplatTable,
-    require_bytes,
-    require_expansion,
-    with_largest,
-)
+from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import MissingDependencyError, ReadError
+from topokit.inputs.reading import require_bytes, require_expansion
 
 Bytes = NDArray[np.uint8]
 _MAGIC = b"NGSP"
@@ -26,7 +20,6 @@ _HEADER = struct.Struct("<4sIIBBBB")
 _V4_HEADER = struct.Struct("<4sIIBBBBI12x")
 _ENTRY = struct.Struct("<QQ")
 _SH_BYTES = (0, 9, 24, 45, 72)  # by degree
-_HAS_EXTENSIONS = 2
 _STEP = 1 << 20
 
 
@@ -37,7 +30,7 @@ class _Layout(NamedTuple):
     fractional_bits: int
 
     def sizes(self) -> tuple[int, ...]:
-        """Bytes of positions, alphas, colours, scales, rotations, harmonics."""
+        """Bytes of positions, alphas, colors, scales, rotations, harmonics."""
         position = 6 if self.version == 1 else 9
         rotation = 4 if self.version >= 3 else 3
         return tuple(self.n_splats * each for each in (position, 1, 3, 3, rotation, _SH_BYTES[self.sh_degree]))
@@ -62,16 +55,6 @@ def read_spz(path: Path) -> SplatTable:
         require_bytes(path, f"{header.n_splats} splats", needed, len(content))
         return _decode(header, _cut(content[_HEADER.size : needed], header))
     return _from_gzip(path, content)
-
-
-def starts_spz(beginning: bytes) -> bool:
-    """Whether a file that begins so is an .spz, plain or gzipped."""
-    if not beginning.startswith(b"\x1f\x8b"):
-        return beginning.startswith(_MAGIC)
-    try:
-        return zlib.decompressobj(wbits=31).decompress(beginning, len(_MAGIC)) == _MAGIC
-    except zlib.error:
-        return False
 
 
 def _version(content: bytes) -> int:
@@ -113,7 +96,7 @@ def _drain(path: Path, unzip: zlib._Decompress, harmonics: int) -> None:
         if not step and not unzip.eof:
             raise ReadError(f"{path} ends in the middle of its gzip stream: it is truncated.")
         if rest > harmonics + _STEP:  # extensions are a few hundred bytes
-            raise ReadError(f"{path} unfolds to more than its header announces; it is damaged.")
+            raise ReadError(f"{path} expands to more than its header announces; it is damaged.")
     require_bytes(path, "spherical harmonics", harmonics, rest)
 
 
@@ -149,7 +132,7 @@ def _unpack(path: Path, packed: bytes, size: int) -> Bytes:
     try:
         announced = zstandard.get_frame_parameters(packed).content_size
         if announced not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ReadError(f"{path}: a stream unfolds to {announced} bytes instead of {size}; the file is damaged.")
+            raise ReadError(f"{path}: a stream expands to {announced} bytes instead of {size}; the file is damaged.")
         body = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
     except zstandard.ZstdError as error:
         raise ReadError(f"{path}: a Zstandard stream is damaged or truncated ({error}).") from error

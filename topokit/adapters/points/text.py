@@ -1,0 +1,104 @@
+"""Point files of text: numbers in columns, with the separators and the decimal sign found in the file."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.errors import ReadError
+from topokit.inputs.files import head
+
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?,?")
+_COMMAS_INSIDE = re.compile(r"[-+]?\d+(,\d+)*(\.\d*)?([eE][-+]?\d+)?,?")
+_LOOKED_AT = 1000  # rows from which the separators are found
+_COLORS = 255
+_ADVICE = "Write numbers with decimal points and separate them by blanks, or write decimal commas and separate by ';'."
+
+
+def read_table(path: Path) -> NDArray[np.float64]:
+    """The numbers at the beginning of each row, as many as the first row has, at most six.
+
+    Columns are separated by blanks, commas or semicolons. A comma inside a number is a decimal sign where blanks or
+    semicolons separate ("1,5 2,5 3,5"). A header or a count line may come first; # begins a comment.
+
+    Raises:
+        ReadError: if there is no row of three numbers, or if commas may be separators or decimal signs.
+    """
+    beginning = head(path).decode("utf-8-sig", errors="replace").splitlines()
+    normalized = _normalizer(list(itertools.islice(_rows(beginning, _commas_as_blanks), _LOOKED_AT)), path)
+    with path.open(encoding="utf-8-sig") as file:
+        lines = _rows(file, normalized)
+        first = next(lines, None)
+        if first is None:
+            raise ReadError(f"{path} holds no row of at least three numbers.")
+        n_numbers = len(list(itertools.takewhile(_NUMBER.fullmatch, normalized(first).split())))
+        columns = range(min(n_numbers, 6))
+        rest = (normalized(line.partition("#")[0]) for line in file)
+        return np.loadtxt(itertools.chain([normalized(first)], rest), usecols=columns, ndmin=2)
+
+
+def _rows(lines: Iterable[str], normalized: Callable[[str], str]) -> Iterator[str]:
+    """Lines without their comments that begin with three numbers."""
+    for line in lines:
+        content = line.partition("#")[0]
+        words = normalized(content).split()
+        if len(words) >= 3 and all(_NUMBER.fullmatch(word) for word in words[:3]):
+            yield content
+
+
+def _normalizer(rows: list[str], path: Path) -> Callable[[str], str]:
+    """What turns a line into numbers with decimal points, separated by blanks.
+
+    Raises:
+        ReadError: if that is ambiguous.
+    """
+    with_commas = [fields for fields in map(_fields, rows) if _has_commas_inside(fields)]
+    if not with_commas:
+        _refuse_pairs_of_integers(rows, path)
+        return _commas_as_blanks
+    for fields in with_commas:
+        if not all(_DECIMAL_COMMA.fullmatch(field) or field.strip(",").lstrip("+-").isdigit() for field in fields):
+            raise ReadError(
+                f"{path}: in {' '.join(fields)!r} the commas may be decimal signs, thousands separators or column "
+                f"separators. {_ADVICE}"
+            )
+    return _commas_as_points
+
+
+def _fields(row: str) -> list[str]:
+    """The first three columns if commas do not separate."""
+    return re.split(r"[;\s]+", row.strip(" \t\r\n;"))[:3]
+
+
+def _has_commas_inside(fields: list[str]) -> bool:
+    numbers = len(fields) == 3 and all(_COMMAS_INSIDE.fullmatch(f) or _DECIMAL_COMMA.fullmatch(f) for f in fields)
+    return numbers and any("," in field.strip(",") for field in fields)
+
+
+def _refuse_pairs_of_integers(rows: list[str], path: Path) -> None:
+    """Refuse "0,188817,0,5,0,25": three numbers with decimal commas, or six integers that are no colors."""
+    for row in rows:
+        columns = [column.strip() for column in row.strip(" \t\r\n,").split(",")]
+        if len(columns) < 6 or len(columns) % 2 or not all(column.lstrip("+-").isdigit() for column in columns):
+            return
+        fractions = columns[1::2]
+        are_colors = all(0 <= int(column) <= _COLORS for column in columns[3:6])
+        if any(column.startswith("0") and len(column) > 1 for column in fractions) or not are_colors:
+            raise ReadError(
+                f"{path}: {row.strip()!r} may be {len(columns)} integers or {len(columns) // 2} numbers with decimal "
+                f"commas. {_ADVICE}"
+            )
+
+
+def _commas_as_blanks(line: str) -> str:
+    return line.replace(",", " ").replace(";", " ")
+
+
+def _commas_as_points(line: str) -> str:
+    return re.sub(r",(?=\s|$)|;", " ", line).replace(",", ".")

@@ -1,0 +1,97 @@
+"""PLY files in and out, through plyfile."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.errors import InputError, ReadError
+from topokit.inputs.files import head
+from topokit.inputs.reading import reading, require_bytes
+
+_LONGEST_HEADER = 1 << 18  # bytes; a 3DGS header has about 1 500
+_HALF = re.compile(rb"^property[ \t]+(?:half|float16)[ \t]+", re.MULTILINE)
+_HALF_MARK = "half:"
+
+
+def ply_elements(path: Path) -> dict[str, NDArray[np.void]]:
+    """The elements of a .ply file by name, as structured arrays in the byte order of the file.
+
+    Binary elements without lists are memory-mapped. Half floats are read too, although neither the format nor plyfile
+    knows them: some splat trainers write them.
+
+    Raises:
+        ReadError: if the file is malformed, or shorter than its header announces.
+    """
+    from plyfile import PlyData, PlyParseError
+
+    with reading(path, "plyfile", PlyParseError), _readable(path, _checked_header(path)) as file:
+        elements = PlyData.read(file, mmap="r").elements
+    return {element.name: _with_halves(element.data) for element in elements}
+
+
+def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:
+    """Write structured arrays as a binary little-endian .ply file; a field with a shape becomes a list.
+
+    Raises:
+        InputError: if the file is not called .ply, or its folder does not exist.
+    """
+    from plyfile import PlyData, PlyElement
+
+    target = Path(path)
+    if target.suffix.lower() != ".ply":
+        raise InputError(f"{target} does not end with .ply, and PLY is what is written: rename it.")
+    if not target.parent.is_dir():
+        raise InputError(f"the folder of {target} does not exist: create it first.")
+    described = [PlyElement.describe(table, name) for name, table in elements.items()]
+    PlyData(described, byte_order="<").write(str(target))
+
+
+def _checked_header(path: Path) -> bytes:
+    """The header with the line that ends it; no element in it can have more rows than the file has bytes."""
+    found = re.match(rb"ply\s.*?^end_header(?:\r\n|\r|\n)", head(path, _LONGEST_HEADER), re.DOTALL | re.MULTILINE)
+    if found is None:
+        raise ReadError(f"{path} has no complete .ply header: it is truncated or not a .ply file.")
+    header = found.group()
+    for name, count in re.findall(rb"^element\s+(\S+)\s+(\d+)", header, re.MULTILINE):
+        what = f"{int(count)} rows of element {name.decode('latin-1')!r}"
+        require_bytes(path, what, int(count), path.stat().st_size - len(header))
+    return header
+
+
+@contextmanager
+def _readable(path: Path, header: bytes) -> Iterator[BinaryIO]:
+    """The file, or a temporary copy with a header that plyfile accepts: ASCII, half floats marked as integers."""
+    mark = b"property float " if b"format ascii" in header else f"property ushort {_HALF_MARK}".encode()
+    accepted = _HALF.sub(mark, header.decode("ascii", "replace").encode("ascii", "replace"))
+    with path.open("rb") as file:
+        if accepted == header:
+            yield file
+            return
+        with tempfile.TemporaryFile() as copy:
+            copy.write(accepted)
+            file.seek(len(header))
+            shutil.copyfileobj(file, copy)
+            copy.seek(0)
+            yield copy
+
+
+def _with_halves(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """The same memory, with marked 16-bit integers as the half floats that they are."""
+    if not any(name.startswith(_HALF_MARK) for name in rows.dtype.names or ()):
+        return rows
+    kinds = {name: rows.dtype[name].str for name in rows.dtype.names or ()}
+    fields = [
+        (name.removeprefix(_HALF_MARK), kind.replace("u2", "f2") if name.startswith(_HALF_MARK) else kind)
+        for name, kind in kinds.items()
+    ]
+    return rows.view(np.dtype(fields))

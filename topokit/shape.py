@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
-from topokit.core.local.descent import LEARNING_RATE, Step, Variable
+from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.local.self_optimization import corrected, self_optimize
+from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
 from topokit.errors import InputError

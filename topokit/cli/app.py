@@ -112,11 +112,11 @@ def curvature(
     """Write curvatures as colours and scalar fields of a PLY file (a mesh stays a mesh)."""
 
     def answer(path: Path) -> str:
-        from topokit.export.ply import write_curvature_ply
+        from topokit.export.ply import save_ply
 
         if output.exists() and output.samefile(path):
             raise InputError(f"{output} is the file to read; name another one to write.")
-        n_written = write_curvature_ply(output, _open(path, neighbors, samples, seed), color_by)
+        n_written = save_ply(_open(path, neighbors, samples, seed), output, color_by)
         return f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
 
     _print_each([file], answer)

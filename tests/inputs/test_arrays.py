@@ -209,7 +209,7 @@ def test_normals_that_are_given_win_over_those_of_an_object() -> None:
         ),
         (
             Refusing(),
-            "points: Refusing could not be handed over by DLPack (the memory is of no kind that anybody knows); "
+            "points: Refusing could not be converted through DLPack (the memory is of no kind that anybody knows); "
             "convert it to a tensor or a NumPy array first.",
         ),
         (np.zeros((9, 3), complex), "points must hold real numbers, got torch.complex128; expected shape (N, 3)."),
@@ -255,7 +255,7 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
         (trimesh.Scene(), "the mesh has no faces; for points alone use topokit.from_points."),
         (
             (Refusing(), [[0, 1, 2]]),
-            "vertices: Refusing could not be handed over by DLPack (the memory is of no kind that anybody knows); "
+            "vertices: Refusing could not be converted through DLPack (the memory is of no kind that anybody knows); "
             "convert it to a tensor or a NumPy array first.",
         ),
         ((np.zeros((3, 3)), ByArray(torch.zeros(1, 3))), "faces must be integers, got float32."),

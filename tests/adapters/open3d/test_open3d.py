@@ -318,7 +318,7 @@ def test_bad_colours_and_batches_are_explained() -> None:
     with pytest.raises(InputError) as caught:
         to_open3d(tk.from_points(TORUS.points), "blue")  # type: ignore[arg-type]
     assert str(caught.value) == "color_by is 'blue'; expected 'gaussian', 'mean' or 'total'."
-    with pytest.raises(InputError, match=r"^one shape is drawn at a time; the samples are batched, \(2, 400, 3\)\."):
+    with pytest.raises(InputError, match=r"^one shape is exported at a time; the samples are batched, \(2, 400, 3\)\."):
         to_open3d(tk.from_points(torch.stack([sphere_samples(400).points] * 2)))
 
 

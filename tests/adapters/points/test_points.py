@@ -102,9 +102,7 @@ def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
     assert shape.samples.n_points == 360
     assert "40 of 400 points are NaN or infinite and were dropped." in shape.report().reasons
     points[:300] = torch.inf
-    with pytest.raises(
-        InputError, match=r"of 400 points are NaN or infinite\. A cloud of which most is missing is refused"
-    ):
+    with pytest.raises(InputError, match=r"of 400 points are NaN or infinite\. More than half of the cloud is invalid"):
         tk.from_points(points)
 
 
@@ -115,7 +113,7 @@ def test_useless_normals_are_noticed() -> None:
     assert shape.samples.n_points == 399
     shape = tk.from_points(SPHERE.points, torch.zeros_like(normals))
     assert shape.samples.normals is None
-    assert "400 of 400 normals are zero or not finite; all normals were put aside." in shape.report().reasons
+    assert "400 of 400 normals are zero or not finite; all normals were ignored." in shape.report().reasons
 
 
 def test_batches_have_euler_but_no_single_report() -> None:

@@ -1,6 +1,6 @@
 # make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
 # make test   the same, with everything the tests need, and the tests
-# make lint   ruff and mypy
+# make lint   ruff, mypy and codespell (American spelling)
 # make bench  the benchmarks (ratios within one run)
 PYTHON ?= python3
 # Another torch: make demo TORCH="torch --index-url https://download.pytorch.org/whl/cpu"
@@ -19,6 +19,7 @@ lint: .venv/tested
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
 	.venv/bin/mypy
+	.venv/bin/codespell topokit tests examples benchmarks docs README.md CONTRIBUTING.md CHANGELOG.md
 
 bench: .venv/tested
 	.venv/bin/python -m pytest benchmarks/bench_*.py --benchmark-columns=min,median,max -s

@@ -1,13 +1,13 @@
-"""Does the loss change the topology? Six kinds of change, three shapes each, on grids and on neural fields.
+"""Tasks for topology losses: six kinds of change, three shapes each, on grids and on neural fields.
 
     python benchmarks/topology_tasks.py                           18 tasks on 64³ grids and 18 on neural fields
-    python benchmarks/topology_tasks.py --losses guard chi persistence --fields grid --size 40
+    python benchmarks/topology_tasks.py --losses topology euler persistence --fields grid --size 40
     python benchmarks/topology_tasks.py --change any --only close
 
-Every task starts from a field that was fitted to noisy observations of a shape: truncated signed distances (at 0.2, in
-a box of side 2) on all grid points, with noise of 0.02. The data term is the mean square of the difference to these
-observations. A task is reached when marching cubes of the result and V − E + F find the wanted pieces and χ, and the
-data term is at most 1.1 times what it was at the start. All tasks share their settings; none was tuned for itself.
+Every task starts from a field that is fitted to noisy observations of a shape: truncated signed distances (at 0.2, in a
+box of side 2) at all grid points, with noise of 0.02. The data term is the mean squared difference to these
+observations. A task is reached when marching cubes and V − E + F count the wanted surfaces and χ, and the data term is
+at most 1.1 times its value at the start. All tasks share the same settings.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from topokit.losses import TauSchedule
 TRUNCATION, NOISE = 0.2, 0.02
 SHARED = {"grid": {"steps": 200, "rate": 2e-3, "weight": 1e-2}, "neural": {"steps": 400, "rate": 1e-3, "weight": 1e-4}}
 
-Solid = Callable[[Tensor], Tensor]  # (..., 3) to (...), about the signed distance, negative inside
+Solid = Callable[[Tensor], Tensor]  # (..., 3) to (...), roughly the signed distance, negative inside
 
 
 def ball(*center: float, r: float) -> Solid:
@@ -70,7 +70,7 @@ def without(solid: Solid, *others: Solid) -> Solid:
 
 @dataclass(frozen=True)
 class Task:
-    """A change: the shape before, and the components, tunnels and cavities that it is to have."""
+    """A change of topology: the shape at the start, and the wanted components, tunnels and cavities."""
 
     kind: str
     name: str
@@ -129,14 +129,14 @@ def grid_points(size: int) -> Tensor:
     return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1)
 
 
-def observed(task: Task, size: int) -> Tensor:
+def noisy_distances(task: Task, size: int) -> Tensor:
     """Noisy truncated distances on the grid, positive inside."""
     clean = -task.solid(grid_points(size)).clamp(-TRUNCATION, TRUNCATION)
     return clean + NOISE * torch.randn(clean.shape, generator=torch.Generator().manual_seed(0))
 
 
 class GridModel(nn.Module):
-    """The grid values themselves, kept smooth by a penalty on bending."""
+    """Grid values as parameters, with a smoothness penalty."""
 
     fit_steps, fit_rate = 200, 5e-3
 
@@ -160,7 +160,7 @@ class GridModel(nn.Module):
 
 
 class NeuralModel(nn.Module):
-    """A network of three hidden layers of 64, with three octaves of sines and cosines."""
+    """A network with three hidden layers of 64 and three octaves of positional encoding."""
 
     fit_steps, fit_rate = 1500, 3e-3
     batch = 8192
@@ -202,9 +202,9 @@ MODELS: dict[str, type[Model]] = {"grid": GridModel, "neural": NeuralModel}
 class PersistenceLoss:
     """Persistent homology of the cubical complex with torch gradients.
 
-    Of the probability sigmoid(F / scale), the wanted number of longest bars of each dimension is to have length one,
-    all others none (J. Clough et al., "A topological loss function for deep-learning based image segmentation using
-    persistent homology", TPAMI 2020, doi:10.1109/TPAMI.2020.3013679).
+    For the probability sigmoid(F / scale), the wanted number of longest bars of each dimension gets the target length
+    one, all others zero (J. Clough et al., "A topological loss function for deep-learning based image segmentation
+    using persistent homology", TPAMI 2020, doi:10.1109/TPAMI.2020.3013679).
     """
 
     def __init__(self, betti: tuple[int, int, int], scale: float) -> None:
@@ -234,23 +234,30 @@ Step = Callable[[int], Tensor]
 
 def step_of(loss: str, model: Model, task: Task, change: str | None, steps: int) -> Step:
     """The loss as a function of the step."""
-    if loss == "guard":
-        components, tunnels, cavities = task.betti
-        criterion = tk.EulerLoss(genus=tunnels, components=components, cavities=cavities, change=change or task.change)
-        return lambda step: criterion(model.source())
-    start = model.field().detach()
-    schedule = TauSchedule.for_field(start, steps)
-    if loss == "chi":
-        target = 2.0 * (task.betti[0] - task.betti[1] + task.betti[2])
-        chi_only = tk.EulerLoss(target, components=None)
-        return lambda step: chi_only(model.source(), schedule(step))
+    components, tunnels, cavities = task.betti
+    euler = tk.EulerLoss(2.0 * (components - tunnels + cavities))
+    topology = tk.TopologyLoss(tunnels, components=components, cavities=cavities, change=change or task.change)
+    if loss == "topology":
+        return lambda step: topology(model.source())
+    if loss == "sum":
+        return lambda step: topology(model.source()) + euler(model.source())
+    schedule = TauSchedule.for_field(model.field().detach(), steps)
+    if loss == "euler":
+        return lambda step: euler(model.source(), schedule(step))
     persistence = PersistenceLoss(task.betti, 2 * schedule.finest)
     return lambda step: persistence(model.field())
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a task: found is (pieces of the surface, χ)."""
+    """Result of a task.
+
+    Attributes:
+        found: surfaces and χ.
+        is_right: whether they are the wanted ones.
+        data: data term as a multiple of its start.
+        milliseconds: per step.
+    """
 
     found: tuple[int, int]
     is_right: bool
@@ -262,8 +269,8 @@ class Outcome:
         return self.is_right and self.data <= 1.1
 
 
-def fitted(kind: str, task: Task, size: int) -> Model:
-    model = MODELS[kind](observed(task, size))
+def fit(kind: str, task: Task, size: int) -> Model:
+    model = MODELS[kind](noisy_distances(task, size))
     optimizer = torch.optim.Adam(model.parameters(), model.fit_rate)
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, model.fit_steps)
     generator = torch.Generator().manual_seed(0)
@@ -275,7 +282,7 @@ def fitted(kind: str, task: Task, size: int) -> Model:
     return model
 
 
-def trained(model: Model, task: Task, loss: Step, steps: int, rate: float, weight: float) -> Outcome:
+def train(model: Model, task: Task, loss: Step, steps: int, rate: float, weight: float) -> Outcome:
     before = float(model.data_term().detach())
     optimizer = torch.optim.Adam(model.parameters(), rate)
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
@@ -289,17 +296,17 @@ def trained(model: Model, task: Task, loss: Step, steps: int, rate: float, weigh
     milliseconds = 1e3 * (time.perf_counter() - started) / steps
     fields = [model.field().detach()]
     if isinstance(model, NeuralModel):
-        fields.append(model.field(64).detach())  # and on a grid that the loss never saw
+        fields.append(model.field(64).detach())  # and on a grid that was not used in training
     components, tunnels, cavities = task.betti
     wanted = components + cavities, 2 * (components - tunnels + cavities)
-    found = [judged(field) for field in fields]
+    found = [count_surfaces(field) for field in fields]
     return Outcome(
         found[-1], all(one == wanted for one in found), float(model.data_term().detach()) / before, milliseconds
     )
 
 
-def judged(field: Tensor) -> tuple[int, int]:
-    """Pieces and V − E + F of the surface that marching cubes finds."""
+def count_surfaces(field: Tensor) -> tuple[int, int]:
+    """Connected surfaces and V − E + F of the mesh by marching cubes."""
     padded = np.pad(field.double().numpy(), 1, constant_values=-1.0)
     if not (padded > 0).any():
         return 0, 0
@@ -308,34 +315,36 @@ def judged(field: Tensor) -> tuple[int, int]:
     return int(mesh.body_count), int(mesh.euler_number)
 
 
-def rows(arguments: argparse.Namespace) -> Iterator[tuple[str, Task, dict[str, Outcome]]]:
+def run_tasks(arguments: argparse.Namespace) -> Iterator[tuple[str, Task, dict[str, Outcome]]]:
     for kind in arguments.fields:
         size = arguments.size or {"grid": 64, "neural": 40}[kind]
         for task in TASKS:
             if arguments.only and task.kind not in arguments.only:
                 continue
-            start = fitted(kind, task, size).state_dict()
+            start = fit(kind, task, size).state_dict()
             outcomes = {}
             for loss in arguments.losses:
-                model = MODELS[kind](observed(task, size))
+                model = MODELS[kind](noisy_distances(task, size))
                 model.load_state_dict(start)
                 step = step_of(loss, model, task, arguments.change, SHARED[kind]["steps"])
-                outcomes[loss] = trained(model, task, step, **SHARED[kind])
+                outcomes[loss] = train(model, task, step, **SHARED[kind])
             yield kind, task, outcomes
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--losses", nargs="+", choices=("guard", "chi", "persistence"), default=["guard"])
+    parser.add_argument(
+        "--losses", nargs="+", choices=("topology", "euler", "sum", "persistence"), default=["topology"]
+    )
     parser.add_argument("--fields", nargs="+", choices=tuple(MODELS), default=list(MODELS))
     parser.add_argument("--size", type=int, help="grid points along a side (64 for grids, 40 for neural fields)")
-    parser.add_argument("--change", choices=("any",), help="do not tell the guard whether to add or to remove")
+    parser.add_argument("--change", choices=("any",), help="let TopologyLoss add and remove material")
     parser.add_argument("--only", nargs="+", choices=sorted({task.kind for task in TASKS}))
     arguments = parser.parse_args()
-    print("| field | kind | shape | loss | pieces, χ | topology | data term | reached | ms per step |")
+    print("| field | kind | shape | loss | surfaces, χ | topology | data term | reached | ms per step |")
     print("|---|---|---|---|---|---|---|---|---|")
     reached: dict[tuple[str, str], list[bool]] = {}
-    for kind, task, outcomes in rows(arguments):
+    for kind, task, outcomes in run_tasks(arguments):
         for loss, one in outcomes.items():
             reached.setdefault((kind, loss), []).append(one.is_reached)
             print(

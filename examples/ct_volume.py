@@ -1,4 +1,4 @@
-"""A scan that the example makes itself: a hollow, porous block with noise. What is in it, and what was cut off?
+"""Topology and curvature of a synthetic CT scan: a noisy, porous ball with a closed hollow.
 
 python examples/ct_volume.py
 """
@@ -12,7 +12,7 @@ import topokit as tk
 
 
 def scan(size: int = 96, noise: float = 0.1) -> Tensor:
-    """Grey values (X, Y, Z): a gyroid-like foam in a ball with a closed hollow, blurred by noise; matter is bright."""
+    """Gray values (X, Y, Z) of a gyroid-like foam in a ball with a closed hollow, with noise; matter is bright."""
     axis = torch.linspace(-1, 1, size)
     x, y, z = torch.meshgrid(axis, axis, axis, indexing="ij")
     radius = (x.square() + y.square() + z.square()).sqrt()
@@ -26,9 +26,9 @@ def scan(size: int = 96, noise: float = 0.1) -> Tensor:
 
 
 def main() -> None:
-    """Ask the volume under both connectivities, look at its parts, and take its curvature."""
+    """Report the volume under both connectivities, list its largest surfaces, and compute its curvature."""
     volume = scan()
-    spacing = (0.02, 0.02, 0.02)  # millimetres
+    spacing = (0.02, 0.02, 0.02)  # millimeters
     for connectivity in (26, 6):
         report = tk.from_voxels(volume, spacing=spacing, level=0.5, connectivity=connectivity).report()
         print(report)

@@ -1,10 +1,10 @@
-"""A noisy volume shows a washer whose hole was missed: at its thinnest place a skin is left. A loss drills it through.
+"""Drill the hole of a washer in a noisy volume that shows a thin skin in its place.
 
     python examples/drill_a_hole.py [PICTURE]
 
-The parameters are the grey values themselves; the data term asks them to stay with the measured ones and to be smooth.
-The loss may only remove (change="remove"), and what it makes is the smallest hole that counts; to get a wider one, ask
-for it at a level somewhat outside. Expect one surface of genus 0 before and one of genus 1 after. Takes a few seconds.
+The parameters are the gray values themselves; the data term keeps them near the measured ones, and smooth. The loss may
+only remove material (change="remove"). It makes the smallest hole that counts; for a wider one, it is given a level
+below zero. Expect one surface of genus 0 before and one of genus 1 after. Takes a few seconds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 import torch
-from _judge import judged
+from _judge import describe_surfaces
 from _picture import save_pair
 from torch import Tensor
 
@@ -23,16 +23,16 @@ SIZE = 40
 
 
 def washer() -> Tensor:
-    """Depth (SIZE, SIZE, SIZE) inside a disc that is hollowed out from both sides, down to a thin skin."""
+    """Field (SIZE, SIZE, SIZE), positive inside a disk that is hollowed out from both sides, down to a thin skin."""
     axis = torch.linspace(-1, 1, SIZE)
     x, y, z = torch.meshgrid(axis, axis, axis, indexing="ij")
     radius = torch.hypot(x, y)
-    disc = torch.minimum(0.7 - radius, 0.3 - z.abs())
-    return torch.minimum(disc, torch.hypot(radius, z.abs() - 0.75) - 0.67)
+    disk = torch.minimum(0.7 - radius, 0.3 - z.abs())
+    return torch.minimum(disk, torch.hypot(radius, z.abs() - 0.75) - 0.67)
 
 
 def roughness(values: Tensor) -> Tensor:
-    """Mean square of the discrete Laplacian, 0-d."""
+    """Mean square of the diskrete Laplacian, 0-d."""
     inner = values[1:-1, 1:-1, 1:-1]
     around = values[2:, 1:-1, 1:-1] + values[:-2, 1:-1, 1:-1] + values[1:-1, 2:, 1:-1] + values[1:-1, :-2, 1:-1]
     return (around + values[1:-1, 1:-1, 2:] + values[1:-1, 1:-1, :-2] - 6 * inner).square().mean()
@@ -42,7 +42,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Drill the hole of a washer that a volume does not show.")
     parser.add_argument("picture", nargs="?", type=Path, default=Path("drill_a_hole.png"))
     picture = parser.parse_args().picture
-    torch.set_num_threads(1)  # small tensors; and the same figures on every machine
+    torch.set_num_threads(1)  # faster for small tensors, and the same numbers on every machine
     depth = washer().clamp(-0.2, 0.2)
     measured = depth + 0.02 * torch.randn(depth.shape, generator=torch.Generator().manual_seed(0))
     values = measured.clone().requires_grad_()
@@ -56,11 +56,11 @@ def main() -> None:
         data_term().backward()
         optimizer.step()
     before, fit_before = values.detach().clone(), data_term().item()
-    print(f"before: {judged(before)}; data term {fit_before:.2e}")
+    print(f"before: {describe_surfaces(before)}; data term {fit_before:.2e}")
 
-    width = 0.1  # the hole has to be there at the level −width, too: so at the level 0 it is more than a pinhole
-    loss = tk.EulerLoss(genus=1, change="remove", level=-width)
-    monitor = tk.TopologyMonitor(genus=1, level=-width, every=10, patience=10)
+    width = 0.1  # the hole must exist at the level −width, so at the level 0 it is more than a pinhole
+    loss = tk.TopologyLoss(genus=1, change="remove", level=-width)
+    monitor = tk.TopologyMonitor(loss, every=10, patience=10)
     optimizer = torch.optim.Adam([values], lr=2e-3)
     for step in range(300):
         if monitor(step, values):
@@ -70,10 +70,9 @@ def main() -> None:
         optimizer.step()
 
     fit_after = data_term().item()
-    print(
-        f"after {step} steps: {judged(values.detach())}; data term {fit_after:.2e}, {fit_after / fit_before - 1:+.1%}"
-    )
-    save_pair(picture, before, values.detach())
+    after, rise = values.detach(), fit_after / fit_before - 1
+    print(f"after {step} steps: {describe_surfaces(after)}; data term {fit_after:.2e}, {rise:+.1%}")
+    save_pair(picture, before, after)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""A ring was scanned but for a piece of it. Its points move until they are those of a whole ring.
+"""Close the gap in the scan of a ring by moving its points.
 
     python examples/points_close_gap.py [PICTURE]
 
-The parameters are the points and their normals; the loss sees their winding-number field, in which one half is the
-surface (so τ is a share of one). The data term keeps every point near its measured place and its neighbours. Expect one
-surface of genus 0 before and one of genus 1 after, both by a reconstruction that is none of topokit's. Takes about ten
-seconds.
+The parameters are the points and their normals. The loss uses their winding-number field, which is 0 outside, 1 inside
+and ½ on the surface (τ is in these units). The data term keeps each point near its measured position and its neighbors.
+Expect one surface of genus 0 before and one of genus 1 after, both counted on a reconstruction that does not use
+topokit. Takes about 10 seconds.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from _judge import judged
+from _judge import describe_surfaces
 from _picture import save_pair
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -39,10 +39,10 @@ def scan(n_around: int = 60, n_across: int = 24, gap: float = 0.9) -> tuple[Tens
 
 
 def reconstruction(points: Tensor, normals: Tensor) -> NDArray[np.float64]:
-    """Winding number minus a half on a grid (SIZE, SIZE, SIZE), every point's share summed.
+    """Winding number minus ½ on a grid (SIZE, SIZE, SIZE), by direct summation over the points.
 
-    A point stands for a disc of area π r² / 8, with r the distance of its eighth neighbour; its share is blunted nearer
-    than r / 2.
+    A point stands for a disk of area π r² / 8, r being the distance to its eighth neighbor; its dipole is smoothed over
+    r / 2.
     """
     at, outward = points.detach().double().numpy(), normals.detach().double().numpy()
     reach = cKDTree(at).query(at, 9)[0][:, -1]
@@ -60,22 +60,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Close the gap in the scan of a ring by moving its points.")
     parser.add_argument("picture", nargs="?", type=Path, default=Path("points_close_gap.png"))
     picture = parser.parse_args().picture
-    torch.set_num_threads(1)  # small tensors; and the same figures on every machine
+    torch.set_num_threads(1)  # faster for small tensors, and the same numbers on every machine
     measured, measured_normals = scan()
     distance, neighbors = (torch.from_numpy(found[:, 1:]) for found in cKDTree(measured).query(measured, 9))
     spacing = float(distance[:, 0].mean())
     points, normals = measured.clone().requires_grad_(), measured_normals.clone().requires_grad_()
     before = reconstruction(points, normals)
-    print(f"before: {judged(before)}")
+    print(f"before: {describe_surfaces(before)}")
 
     def data_term() -> Tensor:
-        """How far points moved, how much further than their neighbours, and how far normals turned, in mean squares."""
+        """Mean squares of: displacements, their differences between neighbors, and changes of normals."""
         moved, turned = (points - measured) / spacing, normals - measured_normals
         strained = moved[:, None] - moved[neighbors]
         return 0.3 * moved.square().mean() + 3 * strained.square().mean() + 10 * turned.square().mean()
 
-    loss = tk.EulerLoss(genus=1, change="add", resolution=40)
-    monitor = tk.TopologyMonitor(genus=1, every=10, patience=10, resolution=40)
+    loss = tk.TopologyLoss(genus=1, change="add", resolution=40)
+    monitor = tk.TopologyMonitor(loss, every=10, patience=10)
     optimizer = torch.optim.Adam([points, normals], lr=5e-3)
     for step in range(300):
         shape = tk.from_points(points, normals)
@@ -86,8 +86,8 @@ def main() -> None:
         optimizer.step()
 
     after, moved = reconstruction(points, normals), (points - measured).detach().norm(dim=1) / spacing
-    print(f"after {step} steps: {judged(after)}; data term {data_term().item():.3f} from 0: the points moved by")
-    print(f"  {moved.mean():.2f} spacings on average, 95 % of them by less than {moved.quantile(0.95):.2f}")
+    print(f"after {step} steps: {describe_surfaces(after)}; data term {data_term().item():.3f}, from 0: the points")
+    print(f"  moved by {moved.mean():.2f} spacings on average, 95 % of them by less than {moved.quantile(0.95):.2f}")
     dots = [(where.detach().numpy() / SIDE + 0.5) * (SIZE - 1) for where in (measured, points)]
     save_pair(picture, before, after, zoom=1.25, dots=(dots[0], dots[1]))
 

@@ -1,4 +1,4 @@
-"""Train a signed distance network on a torus, ask for its topology, and let the topology's gradient reach its weights.
+"""Train a signed distance network on a torus, report its topology, and differentiate it with respect to the weights.
 
 python examples/sdf_network.py
 """
@@ -19,7 +19,7 @@ def torus_distance(points: Tensor, major: float = 0.6, minor: float = 0.25) -> T
 
 
 def train(steps: int = 400) -> nn.Module:
-    """A small network that has learned the torus, from scratch."""
+    """A small network, trained on the torus from scratch."""
     torch.manual_seed(0)
     net = nn.Sequential(nn.Linear(3, 64), nn.Softplus(20), nn.Linear(64, 64), nn.Softplus(20), nn.Linear(64, 1))
     optimizer = torch.optim.Adam(net.parameters(), 3e-3)
@@ -42,10 +42,10 @@ def main() -> None:
     print(shape.report())
 
     print(f"\nGauss–Bonnet on {shape.samples.n_points} samples: {shape.euler().item():+.3f}")
-    smoothed = shape.euler(method="field")
+    smoothed = shape.smoothed_euler()
     print(f"χ averaged over levels near 0:     {smoothed.item():+.3f}")
 
-    shape.euler(method="field", tau=0.1).backward()
+    shape.smoothed_euler(0.1).backward()
     largest = max(float(weight.grad.abs().max()) for weight in net.parameters() if weight.grad is not None)
     print(f"largest |dχ_τ/dweight| at τ = 0.1:  {largest:.3g}")
 

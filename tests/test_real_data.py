@@ -43,6 +43,6 @@ def test_scans_are_never_wrongly_likely(real_data: Path) -> None:
     for row in rows(real_data, "points"):
         if row.get("chi") is None and (real_data / row["path"]).stat().st_size > 100_000:
             continue
-        report = tk.load(real_data / row["path"]).report(refine=False)
+        report = tk.load(real_data / row["path"]).report()
         assert report.verdict == "unsure" or report.euler == row.get("chi"), row["name"]
         assert report.estimate is not None

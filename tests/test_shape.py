@@ -11,7 +11,7 @@ import topokit as tk
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError, TopokitError
-from topokit.testing import genus_mesh, sphere_samples, torus_samples
+from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_samples
 
 
 def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
@@ -19,12 +19,13 @@ def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
     samples, _ = sample_triangles(vertices, faces, 6000)
     for normals in (None, samples.normals):
         shape = tk.from_points(samples.points, normals)
-        report = shape.report()
+        report = shape.report(details=True)
         assert (report.euler, report.genus, report.verdict, report.closed) == (-2, 2, "likely", True)
-        assert report.betti == (1, 4, 1)
+        assert (report.surface_betti, report.solid_betti) == ((1, 4, 1), (1, 2, 0))
         assert shape.genus() == 2
         assert report.refined == pytest.approx(-2, abs=1e-3)
-        assert {one.name for one in report.evidence} >= {"Gauss–Bonnet", "Delaunay cuts", "winding-number fields"}
+        names = ["Gauss–Bonnet", "Delaunay cuts", "winding-number fields", "Gauss–Bonnet, self-optimized"]
+        assert [one.name for one in report.evidence] == names
         assert report.resolution is not None
         assert 2 < report.resolution / (samples.points.shape[0] ** -0.5) < 40
 
@@ -35,6 +36,8 @@ def test_nested_and_separate_parts_are_told_apart() -> None:
     points = torch.cat((outer.points, inner.points, torus.points + 4))
     report = tk.from_points(points).report()
     assert (report.euler, report.components, report.cavities, report.genus) == (4, 3, 1, 1)
+    assert (report.surface_betti, report.solid_betti) == ((3, 2, 3), (2, 1, 1))
+    assert "bounding a solid of 2 components with 1 tunnel and 1 cavity" in str(report)
     by_euler = {(part.euler, part.depth) for part in report.per_component}
     assert by_euler == {(2, 0), (2, 1), (0, 0)}
     inside = next(part for part in report.per_component if part.depth == 1)
@@ -61,11 +64,11 @@ def test_flipped_normals_are_noticed() -> None:
     known = torus_samples(3000)
     report = tk.from_points(known.points, -known.normals).report()
     assert report.euler == 0
-    assert any("inward" in reason for reason in report.reasons)
+    assert any("point inward" in reason for reason in report.reasons)
     flipped = torch.where(torch.arange(3000)[:, None] % 3 == 0, -known.normals, known.normals)
     report = tk.from_points(known.points, flipped).report()
     assert report.verdict == "unsure"
-    assert any("contradict each other" in reason for reason in report.reasons)
+    assert "contradict each other" in report.reasons[0], "what decided comes first"
 
 
 @pytest.mark.parametrize(
@@ -96,7 +99,7 @@ def test_samples_along_scan_lines_are_not_believed() -> None:
     height = torch.linspace(-0.98, 0.98, 24, dtype=torch.float64).repeat_interleave(300)
     angle = torch.linspace(0, 6.28, 300, dtype=torch.float64).repeat(24)
     ring = (1 - height.square()).sqrt()
-    report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report(refine=False)
+    report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report()
     assert report.verdict == "unsure"
     assert any("one side only" in reason or "not closed" in reason for reason in report.reasons)
 
@@ -139,3 +142,81 @@ def test_samples_are_checked() -> None:
     ):
         with pytest.raises(InputError, match=message):
             SurfaceSamples(**wrong)  # type: ignore[arg-type]
+
+
+def test_estimates_of_a_shape_are_what_their_names_say() -> None:
+    """χ⁽⁰⁾ is the plain sum, χ⁽ᴷ⁾ meets the witness's integer or the caller's, χ_τ needs a field."""
+    points = sphere_samples(1500).points
+    shape = tk.from_points(points)
+    local = shape.curvature()
+    assert torch.equal(shape.euler(), (local.gaussian * local.area).sum() / (2 * torch.pi))
+    assert abs(float(shape.euler()) - 2) > 0.01
+    assert float(shape.refined_euler()) == pytest.approx(2, abs=1e-3)
+    assert float(shape.refined_euler(1.5)) == pytest.approx(1.5, abs=1e-3)
+    with pytest.raises(InputError, match="has no field"):
+        shape.smoothed_euler()
+
+
+def test_methods_reach_curvature_and_euler() -> None:
+    shape = tk.from_points(torus_samples(1500).points)
+    plain, default = shape.curvature(), float(shape.euler())
+    for options in (
+        {"n_neighbors": 8},
+        {"n_neighbors": 30},
+        {"solver": "symmetrized"},
+        {"solver": "commuting"},
+        {"area_method": "monte-carlo"},
+    ):
+        changed = shape.curvature(**options)  # type: ignore[arg-type]
+        assert not torch.equal(changed.gaussian * changed.area, plain.gaussian * plain.area), options
+        value = float(shape.euler(**options))  # type: ignore[arg-type]
+        assert value != default, options
+        assert value == pytest.approx(float((changed.gaussian * changed.area).sum() / (2 * torch.pi)))
+    coarse, fine = (float(shape.euler(area_method="monte-carlo", area_resolution=n)) for n in (4, 64))
+    assert abs(fine - default) < abs(coarse - default)
+    for wrong in (2, 0, -1):
+        with pytest.raises(InputError, match="at least 3"):
+            shape.euler(wrong)
+
+
+def test_shapes_move_between_types() -> None:
+    shape = tk.from_mesh(genus_mesh(1), n_samples=500)
+    single = shape.to(torch.float32)
+    assert (shape.dtype, single.dtype, single.device.type) == (torch.float64, torch.float32, "cpu")
+    assert single.mesh is not None
+    assert (single.mesh[0].dtype, single.mesh[1].dtype) == (torch.float32, torch.int64)
+    assert single.report().euler == shape.report().euler == 0
+    assert float(single.euler()) == pytest.approx(float(shape.euler()), abs=1e-2)
+
+
+def test_counted_shapes_pay_for_nothing_that_was_not_asked() -> None:
+    asked = []
+
+    def samples() -> SurfaceSamples:
+        asked.append("samples")
+        known = sphere_samples(200)
+        return SurfaceSamples(known.points, known.normals)
+
+    mesh = tk.from_mesh(genus_mesh(2))
+    shape = tk.Shape(samples, mesh.counted)
+    report = shape.report()
+    assert (report.euler, report.estimate, report.refined, report.solid) == (-2, None, None, None)
+    assert shape.genus() == 2
+    assert asked == []
+    assert shape.report(details=True).estimate == pytest.approx(2, abs=0.2)
+    assert asked == ["samples"]
+
+
+def test_details_of_a_mesh_tell_the_solid_it_encloses() -> None:
+    (vertices, faces), shift = icosphere(4), 0.4
+    overlapping = (
+        torch.cat((torch.from_numpy(vertices), torch.from_numpy(vertices) + shift)),
+        torch.cat((torch.from_numpy(faces), torch.from_numpy(faces) + len(vertices))),
+    )
+    report = tk.from_mesh(overlapping).report(details=True)
+    assert (report.euler, report.verdict) == (4, "certain")
+    assert report.solid is not None
+    assert report.solid.euler == 2
+    assert "intersects or overlaps itself" in report.reasons[-1]
+    assert report.estimate is not None
+    assert report.refined == pytest.approx(4, abs=1e-3)

@@ -1,4 +1,4 @@
-"""Metaballs: balls that flow into each other, as a text file of centres and radii."""
+"""Metaballs: balls that blend into each other, as a text file of centers and radii."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Metaballs(Adapter):
     """
 
     name = "metaballs"
-    description = "metaballs: centres and radii as text"
+    description = "metaballs: centers and radii as text"
     suffixes = (".metaballs",)
 
     def can_open(self, source: Path) -> bool:
@@ -49,13 +49,11 @@ class Metaballs(Adapter):
 
         reach = float(radii.max()) * math.sqrt(1 + math.log(len(radii))) * 1.05  # if all balls were in one place
         bounds = (centers.amin(dim=0) - reach).tolist(), (centers.amax(dim=0) + reach).tolist()
-        shape = topokit.from_sdf(below, bounds, resolution=resolution, n_samples=n_samples, generator=generator)
-        shape.name = source.name
-        return shape
+        return topokit.from_sdf(below, bounds=bounds, resolution=resolution, n_samples=n_samples, generator=generator)
 
 
 def _read(path: Path) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centres (N, 3) and radii (N,)."""
+    """Centers (N, 3) and radii (N,)."""
     import torch
 
     with reading(path, "the metaballs reader"):

@@ -10,15 +10,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 from plyfile import PlyData
+from splat_writers import random_scene, write_ply
+from typer.testing import CliRunner, Result
 
+import topokit as tk
+from topokit.cli.app import app
 from topokit.testing import genus_mesh, sphere_samples, torus_mesh
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "topokit", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+
+
+def invoke(*arguments: object) -> Result:
+    """The same in this process, which spares importing torch."""
+    return CliRunner().invoke(app, list(map(str, arguments)))
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +39,15 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     trimesh.Trimesh(vertices, faces[1:], process=False).export(folder / "open.off")
     np.savetxt(folder / "cloud.xyz", sphere_samples(1500).points.numpy())
     (folder / "broken.ply").write_bytes(b"ply\nnonsense")
+    x, y, z = np.meshgrid(*[np.linspace(-1, 1, 24)] * 3, indexing="ij")
+    np.save(folder / "ct.npy", (1000 * np.exp(-3 * (np.hypot(x, y) - 0.6) ** 2 - 3 * z**2)).astype(np.float32))
+
+    class Occupancy(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return (10 * (0.7 - x.norm(dim=-1))).sigmoid()
+
+    torch.jit.save(torch.jit.trace(Occupancy(), torch.rand(4, 3)), folder / "occ.pt")
+    write_ply(folder / "scene.ply", random_scene(300))
     return folder
 
 
@@ -62,7 +81,7 @@ def test_euler_and_genus_print_lines_for_machines(files: Path) -> None:
     assert found.stdout.splitlines() == [f"0\tlikely\t{files / 'cloud.xyz'}", f"2\tcertain\t{files / 'double.obj'}"]
 
 
-def test_curvature_writes_a_coloured_mesh(files: Path, tmp_path: Path) -> None:
+def test_curvature_writes_a_colored_mesh(files: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.ply"
     found = run("curvature", files / "double.obj", "-o", output, "--color-by", "mean")
     assert found.returncode == 0
@@ -120,6 +139,86 @@ def test_seed_and_k_reach_the_core(files: Path) -> None:
     ]
     assert answers[0] == answers[1]
     assert len(set(answers)) == 4
+
+
+# options of adapters
+
+
+def test_a_gray_volume_needs_a_level_and_gets_one(files: Path) -> None:
+    refused = invoke("report", files / "ct.npy")
+    assert refused.exit_code == 1
+    assert "pass --level … (inside is above it" in refused.stderr
+    assert "label --label" not in refused.stderr
+    found = invoke("report", files / "ct.npy", "--level", 700)
+    assert found.stdout.startswith("ct.npy: Euler characteristic 0 (certain), genus 1, 1 component, closed")
+    for options in (("-O", "level=700"), ("--level=700", "--connectivity", 6, "--spacing", "1,1,2.5")):
+        assert invoke("genus", files / "ct.npy", *options).stdout == f"1\tcertain\t{files / 'ct.npy'}\n"
+
+
+def test_an_occupancy_network_is_opened_by_the_adapter_that_is_named(files: Path) -> None:
+    options = ("--adapter", "occupancy", "--resolution", 128, "--bounds", "-1,-1,-1,1,1,1")
+    found = invoke("report", files / "occ.pt", *options)
+    assert found.stdout.startswith("occ.pt: Euler characteristic 2 (likely), genus 0"), found.stderr
+    assert invoke("report", files / "occ.pt", "--bounds", "-1,-1,-1,1,1,1").exit_code == 1
+
+
+def test_an_option_that_an_adapter_lacks_is_an_error_of_that_file_alone(files: Path) -> None:
+    cloud, volume = files / "cloud.xyz", files / "ct.npy"
+    found = invoke("euler", cloud, volume, "--level", 700)
+    assert found.exit_code == 1
+    assert found.stdout == f"0\tcertain\t{volume}\n"
+    assert found.stderr == f"topokit: {cloud}: adapter 'points' has no option --level. It has: --neighbors.\n"
+    assert invoke("euler", files / "double.obj", cloud, "--samples", 500, "--seed", 3).exit_code == 0
+    found = invoke("euler", files / "double.obj", "-O", "depth=3")
+    assert found.stderr == (
+        f"topokit: {files / 'double.obj'}: adapter 'mesh' has no option -O depth=…. "
+        "It has: --neighbors, --samples, --seed.\n"
+    )
+
+
+def test_values_that_cannot_be_parsed_are_named(files: Path) -> None:
+    found = invoke("euler", files / "ct.npy", "--level", "bone")
+    assert found.stderr == f"topokit: {files / 'ct.npy'}: --level is 'bone'; expected a number or none.\n"
+    found = invoke("euler", files / "occ.pt", "--bounds", "0,0,0,1,1")
+    assert "--bounds is '0,0,0,1,1'; expected 6 values with commas between them or none." in found.stderr
+
+
+@pytest.mark.parametrize("option", ["level", "generator=1", "n_samples=9"])
+def test_options_that_are_written_wrongly_are_usage_errors(files: Path, option: str) -> None:
+    assert invoke("euler", files / "ct.npy", "-O", option).exit_code == 2
+    assert invoke("euler", files / "ct.npy", "--level", 700, "-O", "level=600").exit_code == 2
+
+
+def test_advice_can_be_followed_in_the_shell(files: Path, tmp_path: Path) -> None:
+    unknown = tmp_path / "level=3" / "thing.abc"
+    unknown.parent.mkdir()
+    unknown.write_text("words")
+    found = invoke("report", unknown)
+    assert found.stderr.startswith(f"topokit: {unknown}: '.abc' is not a known format")
+    assert "pass --adapter …, one of 'mesh', 'points'" in found.stderr
+    found = invoke("report", files / "double.obj", "--samples", 15)
+    assert "--samples is 15; it must be larger than --neighbors, which is 20" in found.stderr
+
+
+def test_splats_are_sampled_as_in_python(files: Path) -> None:
+    row = json.loads(invoke("report", "--json", files / "scene.ply").stdout)[0]
+    n_samples = tk.load(files / "scene.ply").samples.n_points
+    assert any(reason.startswith(f"{n_samples} samples lie on the discs") for reason in row["reasons"])
+
+
+def test_euler_and_genus_as_json(files: Path) -> None:
+    double, broken = files / "double.obj", files / "broken.ply"
+    found = invoke("euler", "--json", double, broken)
+    assert found.exit_code == 1
+    good, bad = json.loads(found.stdout)
+    assert good == {"file": str(double), "euler": -2, "verdict": "certain"}
+    assert (bad["file"], list(bad)) == (str(broken), ["file", "error"])
+    found = invoke("genus", "--json", double)
+    assert json.loads(found.stdout) == [{"file": str(double), "genus": 2, "verdict": "certain"}]
+
+
+def test_the_version() -> None:
+    assert invoke("--version").stdout == f"topokit {tk.__version__}\n"
 
 
 def test_adapters_lists_what_can_be_opened() -> None:

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.autograd import gradcheck
 
-from topokit.core.local.curvature import Curvature, surface_curvature
+from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_by_component, euler_characteristic
 from topokit.core.neighbors import neighbor_components
 from topokit.core.samples import SurfaceSamples
@@ -27,7 +27,7 @@ QUANTITIES = {
 
 
 def curvature(points: Tensor, normals: Tensor | None = None) -> Curvature:
-    return surface_curvature(SurfaceSamples(points, normals), n_neighbors=12)
+    return surface_curvature(SurfaceSamples(points, normals), CurvatureSettings(n_neighbors=12))
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES)

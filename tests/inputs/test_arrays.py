@@ -105,7 +105,7 @@ def test_half_precision_is_widened_with_its_graph(dtype: torch.dtype) -> None:
     points = SPHERE.points.to(dtype).requires_grad_()
     shape = tk.from_points(points, SPHERE.normals.to(dtype))
     assert shape.samples.points.dtype == shape.samples.normals.dtype == torch.float32
-    shape.euler(refine=False).backward()
+    shape.euler().backward()
     assert points.grad.dtype == dtype
     assert points.grad.isfinite().all()
     assert points.grad.abs().max() > 0
@@ -116,7 +116,7 @@ def test_half_precision_is_widened_with_its_graph(dtype: torch.dtype) -> None:
 def test_long_doubles_read_only_and_reversed_arrays_are_taken() -> None:
     points = SPHERE.points.numpy()
     fixed = points.copy()
-    fixed.flags.writeable = False
+    fixed.setflags(write=False)
     for array in (points.astype(np.longdouble), fixed, points[::-1][::-1], points.astype(">f8"), points.astype(object)):
         np.testing.assert_array_equal(tk.from_points(array).samples.points.numpy(), points)
 
@@ -152,9 +152,9 @@ def test_volumes_are_made_of_any_arrays(library: Any) -> None:
 def test_objects_whose_vertices_have_a_graph_keep_it() -> None:
     vertices, faces = (torch.from_numpy(part) for part in torus_mesh(20, 10))
     moving = vertices.clone().requires_grad_()
-    tk.from_mesh(SimpleNamespace(vertices=moving, faces=faces)).euler(refine=False).backward()
+    tk.from_mesh(SimpleNamespace(vertices=moving, faces=faces)).euler().backward()
     reference = vertices.clone().requires_grad_()
-    tk.from_mesh((reference, faces)).euler(refine=False).backward()
+    tk.from_mesh((reference, faces)).euler().backward()
     assert torch.equal(moving.grad, reference.grad)
     assert moving.grad.abs().max() > 0
     cloud = SimpleNamespace(vertices=SPHERE.points.clone().requires_grad_())
@@ -228,7 +228,7 @@ def test_normals_that_are_given_win_over_those_of_an_object() -> None:
         ),
         (
             trimesh.PointCloud(np.zeros((9, 3))),
-            "points has 9 points, too few for 20 neighbours each: give at least 21, "
+            "points has 9 points, too few for 20 neighbors each: give at least 21, "
             "or pass a smaller n_neighbors (3 or more).",
         ),
     ],
@@ -244,12 +244,12 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
     [
         (
             trimesh.PointCloud(np.zeros((9, 3))),
-            "from_mesh got PointCloud; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got PointCloud; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (
             np.zeros((9, 3)),
-            "from_mesh got ndarray; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got ndarray; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (trimesh.Scene(), "the mesh has no faces; for points alone use topokit.from_points."),

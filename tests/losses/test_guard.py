@@ -1,8 +1,9 @@
-"""The guard: which voxels decide, how the known solid follows a field, and when another one is taken."""
+"""The guard: which voxels decide the topology, how the solid follows a field, and when another solid replaces it."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,130 +13,141 @@ from analytic_fields import ball, block, grid, torus, union
 from topokit.core.grid.components import betti_numbers
 from topokit.core.grid.field import GridField
 from topokit.losses import guard as module
-from topokit.losses.guard import Decisive, Guard, hinge
-from topokit.losses.parts import PartsGuard
+from topokit.losses.component_guard import ComponentGuard
+from topokit.losses.guard import DecisiveVoxels, Guard, margin_loss
 
 P = grid(20)
 TORUS = torus(P, 0.5, 0.25).numpy()
 BALL = ball(P, 0.5).numpy()
 
 
-def thinned(thickness: float) -> np.ndarray:
+def cut_torus(thickness: float) -> np.ndarray:
     """The torus, cut nearly through in one place: deeper for smaller numbers."""
     cut = -block(P, (0.15, 0.4, 0.4), (0, 0.5, 0)).numpy() + thickness
     return np.minimum(TORUS, np.maximum(cut, -0.5))
 
 
 @pytest.fixture
-def searches(monkeypatch):
-    """A list that grows with every search for a nearest solid."""
-    seen, search = [], module.nearest_solid
-    monkeypatch.setattr(module, "nearest_solid", lambda *given: seen.append(given) or search(*given))
-    return seen
+def searches(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any, ...]]:
+    """The arguments of each search for a nearest solid."""
+    calls: list[tuple[Any, ...]] = []
+    search = module.nearest_solid
+    monkeypatch.setattr(module, "nearest_solid", lambda *given: calls.append(given) or search(*given))
+    return calls
 
 
-def test_voxels_decide_when_they_are_short_of_their_side_and_not_simple():
+def test_decisive_voxels_are_short_of_their_side_and_not_simple() -> None:
     guard = Guard((1, 0, 0), "add", 20)
-    decisive = guard.decisive(TORUS, 0.05)
+    decisive = guard.update(TORUS, 0.05)
     at = tuple(decisive.voxels.T.numpy())
     assert decisive.sides.tolist() == np.where(guard.solid[at], 1.0, -1.0).tolist()
     assert (decisive.sides.numpy() * TORUS[at] < 0.05).all()
     missing = guard.solid & (TORUS <= 0)
     assert missing.sum() > 3
     assert set(map(tuple, np.argwhere(missing).tolist())) <= set(map(tuple, decisive.voxels.tolist()))
-    assert len(Guard((1, 0, 0), "add", 20).decisive(BALL, 0.001).voxels) == 0
+    assert len(Guard((1, 0, 0), "add", 20).update(BALL, 0.001).voxels) == 0
 
 
-def test_what_decides_is_held_by_the_margin_but_nothing_well_inside_is():
-    thin = thinned(0.12)
-    few, more, most = (Guard((1, 1, 0), "any", 20).decisive(thin, margin) for margin in (0.05, 0.2, 10.0))
+def test_decisive_voxels_are_held_at_the_margin_and_none_lie_well_inside() -> None:
+    thin = cut_torus(0.12)
+    few, more, most = (Guard((1, 1, 0), "any", 20).update(thin, margin) for margin in (0.05, 0.2, 10.0))
     depths = few.sides.numpy() * thin[tuple(few.voxels.T.numpy())]
     assert len(few.voxels) > 0
     assert ((depths > 0) & (depths < 0.05)).all()
-    assert len(few.voxels) < len(more.voxels) == len(most.voxels) < 50  # a margin beyond a cell asks for no more
-    assert len(Guard((1, 0, 0), "any", 20).decisive(BALL, 10.0).voxels) == 0
+    assert (
+        len(few.voxels) < len(more.voxels) == len(most.voxels) < 50
+    )  # the margin is limited to the change over one cell
+    assert len(Guard((1, 0, 0), "any", 20).update(BALL, 10.0).voxels) == 0
 
 
-def test_searches_come_when_due_and_only_while_the_topology_is_wrong(searches):
+def test_searches_come_when_due_and_only_while_the_topology_is_wrong(searches: list[tuple[Any, ...]]) -> None:
     guard = Guard((1, 0, 0), "any", 3)
     counts = []
     for field in 4 * [TORUS] + 4 * [BALL] + 2 * [TORUS]:
-        guard.decisive(field, 0.05)
+        guard.update(field, 0.05)
         counts.append(len(searches))
     assert counts == [1, 1, 1, 2, 2, 2, 2, 2, 2, 3]
 
 
-def test_the_known_solid_follows_the_field_between_searches(searches):
+def test_the_known_solid_follows_the_field_between_searches(searches: list[tuple[Any, ...]]) -> None:
     guard = Guard((1, 0, 0), "add", 1000)
-    guard.decisive(TORUS, 0.05)
+    guard.update(TORUS, 0.05)
     smaller = TORUS - 0.1
-    guard.decisive(smaller, 0.05)
+    guard.update(smaller, 0.05)
     assert len(searches) == 1
     assert betti_numbers(guard.solid).tolist() == [1, 0, 0]
     assert (guard.solid >= (smaller > 0)).all()
     assert 0 < (guard.solid & (smaller <= 0)).sum() < 0.2 * (smaller > 0).sum()
-    guard.decisive(BALL, 0.05)
+    guard.update(BALL, 0.05)
     assert (guard.solid == (BALL > 0)).all()
 
 
-def test_another_solid_is_taken_only_when_it_is_much_cheaper():
-    """The membrane in the hole is known; a cut through the ring has to cost less than half of it."""
+def test_the_solid_is_replaced_only_by_a_much_cheaper_one() -> None:
+    """The known solid has a membrane in the hole; a cut through the ring replaces it below half of its cost."""
     for thickness, cuts in ((0.2, False), (0.16, True)):
         guard = Guard((1, 0, 0), "add", 1)
-        field = thinned(thickness)
+        field = cut_torus(thickness)
         assert betti_numbers(field).tolist() == [1, 1, 0]
-        guard.decisive(field, 0.05)
+        guard.update(field, 0.05)
         assert (guard.solid >= (field > 0)).all()
         guard.change = "any"
-        guard.decisive(field, 0.05)
+        guard.update(field, 0.05)
         assert (guard.solid < (field > 0)).any() == cuts
 
 
-def test_infinite_values_are_the_last_to_be_moved_at_any_scale():
-    """Of two parts one has to go: the one that can, and not the one that is infinite."""
+def test_infinite_values_are_the_last_to_be_moved_at_any_scale() -> None:
+    """One of two parts has to go: not the one that is infinite."""
     for scale in (0.01, 1.0, 1000.0):
         field = scale * union(ball(P, 0.4, (-0.4, 0, 0)), ball(P, 0.3, (0.6, 0, 0))).numpy()
         endless = np.where((field > 0) & (P[..., 0] > 0).numpy(), math.inf, field)
-        decisive = Guard((1, 0, 0), "remove", 20).decisive(endless, 0.01 * scale)
+        decisive = Guard((1, 0, 0), "remove", 20).update(endless, 0.01 * scale)
         voxels = P[tuple(decisive.voxels.T)]
         assert len(voxels) > 50
         assert (voxels[:, 0] < 0.1).all()
         assert (decisive.sides == -1).all()
 
 
-def test_nan_is_background_and_is_not_asked_for():
+def test_nan_is_background_and_is_not_pushed() -> None:
     field = BALL.copy()
     field[10, 10, 10] = math.nan
-    decisive = Guard((1, 0, 0), "add", 20).decisive(field, 0.1)
+    decisive = Guard((1, 0, 0), "add", 20).update(field, 0.1)
     assert [10, 10, 10] not in decisive.voxels.tolist()
 
 
-def test_out_of_reach_is_none_and_the_next_search_may_find():
+def test_the_result_is_none_until_a_search_succeeds() -> None:
     guard = Guard((1, 1, 0), "add", 2)
-    assert guard.decisive(BALL, 0.05) is None
-    assert guard.decisive(TORUS, 0.05) is None
-    assert guard.decisive(TORUS, 0.05) is not None
+    assert guard.update(BALL, 0.05) is None
+    assert guard.update(TORUS, 0.05) is None
+    assert guard.update(TORUS, 0.05) is not None
 
 
-def test_hinge_is_a_huber_loss_in_margins():
+def test_the_margin_loss_is_a_huber_loss_of_shortfalls_in_margins() -> None:
     field = torch.tensor([[[0.3, -0.1, 0.1, 5.0]]], dtype=torch.float64, requires_grad=True)
     voxels = torch.tensor([[0, 0, 0], [0, 0, 1], [0, 0, 2], [0, 0, 3]])
     sides = torch.tensor([-1.0, 1.0, 1.0, 1.0], dtype=torch.float64)
-    loss = hinge(GridField(field), Decisive(voxels, sides), 0.2)
+    loss = margin_loss(GridField(field), DecisiveVoxels(voxels, sides), 0.2)
     shortfalls = [1 + 1.5, 1.5, 0.5, 0.0]  # in margins; quadratic below 1
     assert loss.item() == pytest.approx(sum(s - 0.5 if s > 1 else s * s / 2 for s in shortfalls) / 4)
     (slope,) = torch.autograd.grad(loss, field)
     assert slope.flatten().tolist() == pytest.approx([1.25, -1.25, -0.625, 0.0])
 
 
-def test_parts_are_mended_each_in_its_own_region():
+def test_each_component_is_changed_in_its_own_region() -> None:
     left, right = ball(P, 0.45, (-0.5, 0, 0)), torus(P, 0.28, 0.14, (0.55, 0, 0))
     field = union(left, right).numpy()
-    guard = PartsGuard(((1, 0, 0), (1, 0, 0)), "add", 20)
-    decisive = guard.decisive(field, 0.02)
+    guard = ComponentGuard(((1, 0, 0), (1, 0, 0)), "add", 20)
+    decisive = guard.update(field, 0.02)
     to_add = decisive.voxels[decisive.sides > 0]
     to_add = to_add[field[tuple(to_add.T.numpy())] <= 0]
     assert len(to_add) > 0
     assert (P[tuple(to_add.T)][:, 0] > 0.2).all()  # the hole of the torus
-    assert PartsGuard(((1, 5, 0), (1, 1, 0)), "add", 20).decisive(field, 0.02) is None
-    assert len(PartsGuard(((1, 0, 0), (1, 1, 0)), "any", 20).decisive(field, 1e-6).voxels) == 0
+    assert ComponentGuard(((1, 5, 0), (1, 1, 0)), "add", 20).update(field, 0.02) is None
+    assert len(ComponentGuard(((1, 0, 0), (1, 1, 0)), "any", 20).update(field, 1e-6).voxels) == 0
+
+
+def test_without_decisive_voxels_the_loss_is_zero_and_has_a_graph() -> None:
+    field = torch.rand(3, 3, 3, requires_grad=True)
+    none = DecisiveVoxels(torch.zeros(0, 3, dtype=torch.int64), torch.zeros(0, dtype=torch.float64))
+    for decisive in (None, none):
+        (slope,) = torch.autograd.grad(margin_loss(GridField(field), decisive, 0.2), field)
+        assert slope.count_nonzero() == 0

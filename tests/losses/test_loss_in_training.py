@@ -1,9 +1,11 @@
-"""The Euler loss at work: shapes of every kind, and short optimisations judged by marching cubes."""
+"""The losses at work: shapes of every kind, and short optimizations judged by marching cubes."""
 
 from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
@@ -12,14 +14,15 @@ from splat_writers import torus_scene
 from torch import Tensor, nn
 
 import topokit as tk
-from topokit.core.grid.components import grid_components
+from topokit.core.grid.components import betti_by_component
+from topokit.losses import SearchOptions
 from topokit.testing import torus_samples
 
 DOUBLE = torch.float64
 
 
-def optimised(start: Tensor, loss: tk.EulerLoss, tau: float, steps: int = 60, rate: float = 0.01) -> Tensor:
-    """The field after descent, kept near to where it was."""
+def optimize(start: Tensor, loss: tk.TopologyLoss, tau: float, steps: int = 60, rate: float = 0.01) -> Tensor:
+    """The field after gradient descent, held near its start by a data term."""
     field = start.clone().requires_grad_()
     optimizer = torch.optim.Adam([field], rate)
     for _ in range(steps):
@@ -32,10 +35,10 @@ def optimised(start: Tensor, loss: tk.EulerLoss, tau: float, steps: int = 60, ra
 # plain grids
 
 
-def test_a_torus_becomes_a_ball():
+def test_a_torus_becomes_a_ball() -> None:
     start = torus(grid(32), 0.5, 0.25).float()
     assert meshed_topology(start) == (1, 0)
-    field = optimised(start, tk.EulerLoss(genus=0), tau=0.03)
+    field = optimize(start, tk.TopologyLoss(genus=0), tau=0.03)
     assert meshed_topology(field) == (1, 2)
     changed = (field > 0) != (start > 0)
     assert changed.sum() < 0.05 * (start > 0).sum()
@@ -56,36 +59,36 @@ LINKS = union(torus(P, 0.3, 0.14, (-0.4, 0, 0)), torus(P, 0.3, 0.14, (0.4, 0, 0)
     ],
     ids=["join", "remove", "drill", "fill", "split"],
 )
-def test_each_kind_of_change_is_reached(start, options, surfaces, euler):
+def test_each_kind_of_change_is_reached(start: Tensor, options: dict[str, Any], surfaces: int, euler: int) -> None:
     assert meshed_topology(start) != (surfaces, euler)
-    assert meshed_topology(optimised(start, tk.EulerLoss(**options), tau=0.04)) == (surfaces, euler)
+    assert meshed_topology(optimize(start, tk.TopologyLoss(**options), tau=0.04)) == (surfaces, euler)
 
 
-def test_each_component_gets_its_own_topology():
-    """A dimpled disc and a smaller torus: each may have the hole, the larger being named first."""
+def test_each_component_gets_its_own_topology() -> None:
+    """A dimpled disc and a smaller torus: each may have the hole; the genus of the larger one comes first."""
     disc = without(rod(P, 0.45, 0.3, center=(-0.5, 0, 0)), *(ball(P, 0.4, (-0.5, 0, z)) for z in (0.5, -0.5)))
     start = union(disc, torus(P, 0.28, 0.12, (0.6, 0, 0)))
 
     def tunnels_by_size(field: Tensor) -> list[int]:
-        return [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)]
+        return betti_by_component(field)[:, 1].tolist()
 
     assert tunnels_by_size(start) == [0, 1]
     for genus in ((0, 1), (1, 0), (0, 0), (1, 1)):
-        field = optimised(start, tk.EulerLoss(genus=genus), tau=0.04)
+        field = optimize(start, tk.TopologyLoss(genus=genus), tau=0.04)
         assert tunnels_by_size(field) == list(genus)
         assert meshed_topology(field) == (2, 4 - 2 * sum(genus))
 
 
-def test_parts_are_first_counted_and_then_mended():
+def test_the_number_of_components_is_corrected_first_and_then_each_of_them() -> None:
     three = union(torus(P, 0.28, 0.12, (-0.5, 0, 0)), torus(P, 0.25, 0.12, (0.5, 0, 0)), ball(P, 0.1, (0, 0.7, 0.7)))
-    field = optimised(three, tk.EulerLoss(genus=(0, 1)), tau=0.04, steps=100)
-    assert [part.tunnels for part in sorted(grid_components(field)[1], key=lambda part: -part.voxels)] == [0, 1]
+    field = optimize(three, tk.TopologyLoss(genus=(0, 1)), tau=0.04, steps=100)
+    assert betti_by_component(field)[:, 1].tolist() == [0, 1]
 
 
-def test_parts_that_meet_are_told_apart_again():
+def test_components_that_merge_are_separated_again() -> None:
     apart = union(ball(P, 0.35, (-0.5, 0, 0)), ball(P, 0.35, (0.5, 0, 0)))
     joined = union(apart, rod(P, 0.15, 0.6, axis=0))
-    loss = tk.EulerLoss(genus=(0, 0))
+    loss = tk.TopologyLoss(genus=(0, 0))
     assert loss(apart, 0.02) == 0
     assert loss(joined, 0.02) > 0.5
     field = apart.clone().requires_grad_()
@@ -97,34 +100,46 @@ def test_parts_that_meet_are_told_apart_again():
     assert meshed_topology(field) == (2, 4)
 
 
-def test_a_module_that_is_reset_starts_anew():
-    loss = tk.EulerLoss(genus=0)
+def test_reset_forgets_the_nearest_solid() -> None:
+    loss = tk.TopologyLoss(genus=0)
     first, second = torus(P, 0.5, 0.2), without(block(P, (0.8, 0.5, 0.2)), rod(P, 0.2, 1, center=(0.3, 0, 0)))
     loss(first, 0.02)
     stale = loss(second, 0.02)
     loss.reset()
-    assert loss(second, 0.02) == tk.euler_loss(second, genus=0, tau=0.02) != stale
+    assert loss(second, 0.02) == tk.topology_loss(second, genus=0, tau=0.02) != stale
 
 
-def test_out_of_reach_is_said_and_can_be_called_backward_on():
+def test_out_of_reach_gives_a_warning_and_a_zero_with_a_graph() -> None:
     field = ball(P, 0.5).requires_grad_()
-    silent = tk.EulerLoss(genus=5, change="add")
     with pytest.warns(UserWarning, match="no solid with the Betti numbers") as caught:
-        loss = silent(field, tau=0.05)
-    assert caught[0].filename == __file__
+        loss = tk.TopologyLoss(genus=5, change="add")(field, tau=0.05)
     assert str(caught[0].message) == (
-        "no solid with the Betti numbers (1, 5, 0) is in reach (change='add'), so the guard is silent. Is the grid too "
-        "coarse, is there nothing yet that could become them, or do they need another change?"
+        "no solid with the Betti numbers (1, 5, 0) is in reach (change='add'): the loss is 0 there. Is the grid too "
+        "coarse, is there nothing yet that could become it, or does it need another change?"
     )
     loss.backward()
     assert loss == 0
+    assert field.grad is not None
     assert field.grad.count_nonzero() == 0
-    alone = tk.euler_loss(field, -8.0, 0.05, components=None)
-    with pytest.warns(UserWarning, match=r"change='any'"):
-        assert tk.euler_loss(field, genus=5, tau=0.05, euler_weight=2.0) == 2 * alone
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        tk.euler_loss(field, genus=0, tau=0.05)
+        tk.topology_loss(field, genus=0, tau=0.05)
+
+
+@pytest.mark.parametrize(
+    "call", [tk.TopologyLoss(genus=1), lambda fields, tau: tk.topology_loss(fields, 1, tau)], ids=["module", "function"]
+)
+def test_the_warning_names_the_batch_items_and_the_line_of_the_call(call: Callable[..., Tensor]) -> None:
+    reachable, unreachable = torus(P, 0.5, 0.25), ball(P, 0.5)
+    for fields, named in (
+        (torch.stack([unreachable, reachable]), " for batch item 0 "),
+        (torch.stack([unreachable, reachable, unreachable]), " for batch items 0, 2 "),
+        (torch.stack([reachable] * 3 + [unreachable]).reshape(2, 2, *P.shape[:3]), " for batch item (1, 1) "),
+    ):
+        with pytest.warns(UserWarning, match="no solid with the Betti numbers") as caught:
+            call(fields, tau=0.05)
+        assert caught[0].filename == __file__
+        assert f"is in reach{named}(change='any')" in str(caught[0].message)
 
 
 # shapes
@@ -152,90 +167,120 @@ class Network(nn.Module):
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 
 
-@pytest.mark.parametrize("options", [{"target": 2.0, "components": None}, {"genus": 0}, {"genus": 0, "change": "add"}])
-def test_of_a_network_only_what_decides_is_evaluated_with_a_graph(options):
+def euler(source: Tensor | tk.Shape, tau: float, **options: Any) -> Tensor:
+    return tk.euler_loss(source, 2.0, tau, **options)
+
+
+def topology(source: Tensor | tk.Shape, tau: float, **options: Any) -> Tensor:
+    return tk.topology_loss(source, 0, tau, **options)
+
+
+def adding(source: Tensor | tk.Shape, tau: float, **options: Any) -> Tensor:
+    return tk.topology_loss(source, 0, tau, change="add", **options)
+
+
+@pytest.mark.parametrize("loss", [euler, topology, adding])
+def test_of_a_network_only_the_voxels_that_matter_are_evaluated_with_a_graph(loss: Callable[..., Tensor]) -> None:
     network = Network()
-    shape = tk.from_sdf(network, BOX, field_resolution=24)
+    shape = tk.from_sdf(network, bounds=BOX, field_resolution=24)
     network.with_graph = network.without_graph = 0
-    loss = tk.euler_loss(shape, tau=0.05, **options)
+    value = loss(shape, 0.05)
     assert network.without_graph == 25**3
     assert 0 < network.with_graph < 0.05 * 25**3
-    values = shape.field.values()
-    assert values.shape == (25, 25, 25)
-    dense = tk.euler_loss(values, tau=0.05, connectivity=shape.field.connectivity, **options)
-    torch.testing.assert_close(loss, dense)
+    assert shape.field is not None
+    field = shape.field.values()
+    assert field.shape == (25, 25, 25)
+    dense = loss(field, 0.05)
+    torch.testing.assert_close(value, dense)
     parameters = list(network.parameters())
-    for ours, expected in zip(*(torch.autograd.grad(one, parameters) for one in (loss, dense)), strict=True):
+    for ours, expected in zip(*(torch.autograd.grad(one, parameters) for one in (value, dense)), strict=True):
         torch.testing.assert_close(ours, expected)
         assert ours.abs().max() > 0
 
 
-def test_between_looks_the_voxels_last_found_are_pushed():
+def test_the_whole_grid_is_evaluated_every_few_calls_if_asked_for() -> None:
     evaluations = []
 
-    def sdf(p):
+    def sdf(p: Tensor) -> Tensor:
         evaluations.append(len(p))
         return torch.hypot(p[:, :2].norm(dim=-1) - 0.5, p[:, 2]) - 0.3
 
-    shape = tk.from_sdf(sdf, bounds=((-1,) * 3, (1,) * 3), field_resolution=16)
-    loss = tk.EulerLoss(genus=0, change="add", look_every=3)
+    shape = tk.from_sdf(sdf, bounds=BOX, field_resolution=16)
+    loss = tk.TopologyLoss(genus=0, change="add", search=SearchOptions(evaluate_every=3))
     answers = []
     for _ in range(4):
         evaluations.clear()
         answers.append((float(loss(shape, tau=0.05)), sum(evaluations) >= 17**3))
-    assert [is_look for _, is_look in answers] == [True, False, False, True]
+    assert [whole_grid for _, whole_grid in answers] == [True, False, False, True]
     assert len({value for value, _ in answers}) == 1
 
 
-def test_a_network_right_already_is_not_called_with_nothing():
-    shape = tk.from_occupancy(lambda x: 1000 * (0.6 - x.norm(dim=1)), 0.0, BOX, field_resolution=16)
-    assert tk.euler_loss(shape, genus=0, tau=1e-3, change="add") == 0
+def test_a_network_with_the_right_topology_is_not_called_with_an_empty_tensor() -> None:
+    def occupancy(x: Tensor) -> Tensor:
+        assert len(x) > 0
+        return 1000 * (0.6 - x.norm(dim=1))
+
+    shape = tk.from_occupancy(occupancy, level=0.0, bounds=BOX, field_resolution=16)
+    assert tk.topology_loss(shape, genus=0, tau=1e-3, change="add") == 0
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
-def test_voxels_keep_their_level_and_connectivity(connectivity):
-    grey = (100 + 50 * LINKS).requires_grad_()
+def test_voxels_keep_their_level_and_connectivity(connectivity: int) -> None:
+    grey = (100 + 50 * LINKS + torch.where(P[..., 0] > 0.9, 100 * (P.sum(-1) * 19).sin(), 0)).requires_grad_()
     shape = tk.from_voxels(grey, level=100.0, connectivity=connectivity)
-    for options in ({"genus": 2, "euler_weight": 1.0}, {"target": -2.0, "components": None}):
-        loss = tk.euler_loss(shape, tau=1.0, **options)
-        plain = tk.euler_loss(grey, tau=1.0, level=100.0, connectivity=connectivity, **options)
+    pairs = [
+        (tk.topology_loss(shape, 2, 1.0), tk.topology_loss(grey, 2, 1.0, level=100.0)),
+        (
+            tk.euler_loss(shape, -2.0, 1.0),
+            tk.euler_loss(grey, -2.0, 1.0, level=100.0, connectivity=connectivity),
+        ),
+    ]
+    for loss, plain in pairs:
         torch.testing.assert_close(loss, plain)
         (gradient,) = torch.autograd.grad(loss, grey)
         assert gradient.isfinite().all()
         assert gradient.abs().max() > 0
-    broken = grey.detach().clone()
-    broken[0, 0, 0] = math.nan  # background, as the adapter says
-    assert tk.euler_loss(tk.from_voxels(broken, level=100.0), genus=2, tau=1.0).isfinite()
+    other = tk.euler_loss(grey, -2.0, 1.0, level=100.0, connectivity=32 - connectivity)
+    assert not torch.isclose(pairs[1][0], other)  # so the connectivity does matter here
 
 
-def test_points_and_normals_get_finite_gradients():
+def test_nan_in_a_volume_is_background() -> None:
+    broken = 100 + 50 * LINKS
+    expected = tk.topology_loss(tk.from_voxels(broken, level=100.0), genus=2, tau=1.0)
+    broken[0, 0, 0] = math.nan
+    assert tk.topology_loss(tk.from_voxels(broken, level=100.0), genus=2, tau=1.0) == expected
+
+
+def test_points_and_normals_get_finite_gradients() -> None:
     cloud = torus_samples(1500, major=1.0, minor=0.5, generator=torch.Generator().manual_seed(1))
     points, normals = cloud.points.clone().requires_grad_(), cloud.normals.clone().requires_grad_()
-    for options in ({"genus": 0}, {"target": 2.0, "components": None}):
-        loss = tk.euler_loss(tk.from_points(points, normals), tau=0.1, **options, resolution=48)
-        assert loss > 1
-        for gradient in torch.autograd.grad(loss, (points, normals)):
+    for loss in (topology, euler):
+        value = loss(tk.from_points(points, normals), tau=0.1, resolution=48)
+        assert value > 1
+        for gradient in torch.autograd.grad(value, (points, normals)):
             assert gradient.isfinite().all()
             assert gradient.abs().max() > 0
-    assert tk.euler_loss(tk.from_points(points, normals), genus=1, tau=0.01, components=1) < 0.5
+    assert tk.topology_loss(tk.from_points(points, normals), genus=1, tau=0.01) < 0.5
 
 
-def test_the_grid_around_samples_stays_while_they_fit():
+def test_the_grid_around_samples_is_kept_while_they_fit() -> None:
     cloud = torus_samples(1500, major=1.0, minor=0.5, generator=torch.Generator().manual_seed(1))
-    loss = tk.EulerLoss(genus=0, resolution=48)
+    loss = tk.TopologyLoss(genus=0, resolution=48)
     loss(tk.from_points(cloud.points, cloud.normals), 0.1)
-    laid = loss._source._grid
+    first = loss.source.grid
     loss(tk.from_points(cloud.points + 0.01, cloud.normals), 0.1)
-    assert loss._source._grid is laid
+    assert first is not None
+    assert loss.source.grid is not None
+    assert loss.source.grid.origin.equal(first.origin)
     loss(tk.from_points(2 * cloud.points, cloud.normals), 0.1)
-    assert loss._source._grid is not laid
+    assert loss.source.grid.cell > 1.5 * first.cell
 
 
-def test_splat_parameters_get_finite_gradients():
+def test_splat_parameters_get_finite_gradients() -> None:
     scene = torus_scene(1500)
     parts = [torch.from_numpy(part).clone().requires_grad_() for part in scene]
     shape = tk.from_splats(tk.GaussianSplats(*parts), n_samples=3000).oriented()
-    loss = tk.euler_loss(shape, genus=0, tau=0.1, resolution=48)
+    loss = tk.topology_loss(shape, genus=0, tau=0.1, resolution=48)
     assert loss > 1
     for name, gradient in zip(("means", "scales", "quaternions"), torch.autograd.grad(loss, parts[:3]), strict=True):
         assert gradient.isfinite().all(), name

@@ -1,4 +1,4 @@
-"""The conformance suite: the built-in adapters pass it, and each of its checks catches the adapter that deserves it."""
+"""The conformance suite: the built-in adapters pass it, and each of its checks fails for an adapter that breaks it."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ import trimesh
 from splat_writers import random_scene, write_ply
 
 import topokit as tk
-from topokit.adapters.implicit.entry import Sdf
-from topokit.adapters.mesh.entry import Mesh
-from topokit.adapters.points.entry import Points
-from topokit.adapters.splats.entry import Splats
-from topokit.adapters.voxels.entry import Voxels
+from topokit.adapters.implicit.entry import SDF
+from topokit.adapters.mesh.entry import MESH
+from topokit.adapters.points.entry import POINTS
+from topokit.adapters.splats.entry import SPLATS
+from topokit.adapters.voxels.entry import VOXELS
 from topokit.core.samples import SurfaceSamples
-from topokit.errors import ReadError
+from topokit.errors import AdapterError, ReadError
 from topokit.inputs.reading import reading
 from topokit.plugins import registry
 from topokit.testing import AdapterConformance, icosphere, sphere_samples, torus_mesh, torus_samples
 
 
 class TestMesh(AdapterConformance):
-    adapter = Mesh
+    adapter = MESH
     euler = 0
     options = {"n_samples": 2000}
 
@@ -46,7 +46,7 @@ class TestMesh(AdapterConformance):
 
 
 class TestPoints(AdapterConformance):
-    adapter = Points
+    adapter = POINTS
     euler = 0
     notices_truncation = False
 
@@ -64,7 +64,7 @@ class TestPoints(AdapterConformance):
 
 
 class TestVoxels(AdapterConformance):
-    adapter = Voxels
+    adapter = VOXELS
     euler = 2
     options = {"n_samples": 1000}
 
@@ -77,7 +77,7 @@ class TestVoxels(AdapterConformance):
 
 
 class TestSdf(AdapterConformance):
-    adapter = Sdf
+    adapter = SDF
     euler = 2
     options = {"n_samples": 1000, "resolution": 128}
 
@@ -92,7 +92,7 @@ class TestSdf(AdapterConformance):
 
 
 class TestSplats(AdapterConformance):
-    adapter = Splats
+    adapter = SPLATS
     options = {"n_samples": 2000}
 
     def example(self, folder: Path) -> Path:
@@ -166,7 +166,7 @@ CHECKS = [name for name in dir(AdapterConformance) if name.startswith("test_")]
 
 @pytest.fixture
 def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    monkeypatch.setattr(registry, "_TABLE", registry.AdapterTable())
+    monkeypatch.setattr(registry, "_registered", {})
     return registry.register_adapter
 
 
@@ -311,7 +311,7 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
         {"open": open_raising},
         r"a missing file makes open\(\) raise FileNotFoundError: ",
     ),
-    ("test_a_missing_file_is_named", {"open": open_guessing}, r"a missing file is opened as if nothing were missing"),
+    ("test_a_missing_file_is_named", {"open": open_guessing}, r"a missing file is opened as if it were complete"),
     ("test_a_missing_file_is_named", {"open": open_nameless}, r"refused without its name: a ball could not be read"),
     ("test_an_empty_file_is_named", {"open": open_raising}, r"an empty file makes open\(\) raise IndexError"),
     ("test_an_empty_file_is_named", {"open": open_guessing}, r"an empty file is opened"),
@@ -356,6 +356,16 @@ def test_every_tensor_must_matter(register: Callable[..., None]) -> None:
         )
 
 
+def test_a_type_that_is_lost_or_mixed_is_named() -> None:
+    check = "test_samples_are_differentiable_where_that_is_claimed"
+    coarse = type("Coarse", (Ball,), {"shape": lambda self, points, normals: made(points.float())})
+    with pytest.raises(AssertionError, match=r"samples of float64 tensors are torch\.float32.* keep the tensors' type"):
+        run(check, coarse, Path())
+    mixing = type("Mixing", (Ball,), {"shape": lambda self, points, normals: made(points @ torch.eye(3))})
+    with pytest.raises(AdapterError, match=r"float64 tensors: keep their type and device throughout \(RuntimeError: "):
+        run(check, mixing, Path())
+
+
 def test_truncation_need_not_be_noticed_but_must_not_crash(register: Callable[..., None], tmp_path: Path) -> None:
     lenient = type("Lenient", (Ball,), {"open": open_guessing})
     run("test_a_truncated_file_is_named", lenient, tmp_path, notices_truncation=False)
@@ -367,7 +377,7 @@ def test_truncation_need_not_be_noticed_but_must_not_crash(register: Callable[..
 def test_what_an_author_has_to_write_is_said(tmp_path: Path) -> None:
     suite = type("Suite", (AdapterConformance,), {"adapter": Ball})()
     with pytest.raises(
-        NotImplementedError, match=r"^Suite needs a method example\(self, folder\) that gives a file\.$"
+        NotImplementedError, match=r"^Suite needs a method example\(self, folder\) that returns a path\.$"
     ):
         suite.test_it_returns_samples(tmp_path)
     with pytest.raises(
@@ -384,6 +394,8 @@ def test_what_cannot_be_asked_is_skipped(tmp_path: Path) -> None:
                 run(check, plain, tmp_path)
     with pytest.raises(SkipTest, match="not closed"):
         run("test_normals_point_outward", Ball, tmp_path, closed=False)
+    with pytest.raises(SkipTest, match="set `euler`"):
+        run("test_the_report_is_right", Ball, tmp_path, euler=None)
 
 
 def test_nothing_of_pytest_is_needed(tmp_path: Path) -> None:

@@ -15,12 +15,11 @@ import torch
 
 import topokit as tk
 from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDependencyError, UnknownFormatError
-from topokit.plugins import foreign_code as plugins
-from topokit.plugins import registry
-from topokit.testing import sphere_samples
+from topokit.plugins import foreign_code, registry
+from topokit.testing import icosphere, sphere_samples
 
 POINTS = sphere_samples(60).points
-BUILT_IN = list(registry._BUILT_IN)
+BUILT_IN = list(registry.BUILT_IN)
 MODULE = """
 import topokit
 
@@ -30,21 +29,19 @@ class Blobs(topokit.Adapter):
     suffixes = (".blob",)
 
     def open(self, source, n_samples=60):
-        from topokit.testing import sphere_samples
+        from topokit.testing import icosphere, sphere_samples
         return topokit.Shape(topokit.SurfaceSamples(sphere_samples(n_samples).points))
 """
 
 
 @pytest.fixture(autouse=True)
-def table(monkeypatch: pytest.MonkeyPatch) -> registry.AdapterTable:
-    """A table of its own for each test, with the built-in adapters and no installed plug-in."""
-    fresh = registry.AdapterTable()
-    for name, target in registry._BUILT_IN.items():
-        fresh.add(name, target)
-    monkeypatch.setattr(registry, "_TABLE", fresh)
-    monkeypatch.setattr(plugins, "_warned", set())
-    monkeypatch.setattr(registry, "entry_points", lambda: iter(()))
-    return fresh
+def own_registry(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Each test begins with the built-in adapters and no installed plug-in."""
+    monkeypatch.setattr(registry, "_registered", dict(registry.BUILT_IN))
+    monkeypatch.setattr(registry, "entry_points", list)
+    tk.refresh_adapters()
+    yield
+    tk.refresh_adapters()
 
 
 @pytest.fixture
@@ -63,7 +60,7 @@ def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
             info.mkdir()
             (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution or module}\nVersion: 1.0\n")
             (info / "entry_points.txt").write_text(f"[topokit.adapters]\n{name} = {target or module + ':Blobs'}\n")
-            monkeypatch.setattr(registry, "entry_points", plugins.entry_points)
+            monkeypatch.setattr(registry, "entry_points", foreign_code.entry_points)
 
     yield write
     for module in written:
@@ -175,7 +172,7 @@ def test_suffixes_that_need_more_are_listed_with_it() -> None:
     assert (two.usable, two.missing_suffixes, two.state) == (False, (".c",), "pip install nothing_c nothing_d")
 
 
-def test_the_view_is_read_only(table: registry.AdapterTable) -> None:
+def test_the_view_is_read_only() -> None:
     first = tk.list_adapters()[0]
     with pytest.raises(AttributeError):
         first.usable = False  # type: ignore[misc]
@@ -204,22 +201,54 @@ def test_importing_topokit_imports_no_plug_in(plugin: Any, tmp_path: Path, monke
     assert found.stdout.split()[2] == "True"
 
 
+def test_a_plug_in_installed_after_the_first_look_up_is_found_after_a_refresh(plugin: Any, blob: Path) -> None:
+    assert [row.name for row in tk.list_adapters()] == BUILT_IN
+    plugin("late", MODULE, name="blobs")
+    assert "'.blob' is not a known format" in message(UnknownFormatError, blob)
+    tk.refresh_adapters()
+    assert tk.load(blob).samples.n_points == 60
+    assert [row.name for row in tk.list_adapters()] == [*BUILT_IN, "blobs"]
+
+
+def test_a_broken_plug_in_is_tried_again_after_a_refresh(plugin: Any, blob: Path) -> None:
+    plugin("mended", "import nothing_of_the_kind", name="blobs")
+    with pytest.warns(AdapterWarning, match="is left out"):
+        message(UnknownFormatError, blob)
+    plugin("mended", MODULE + "\n# mended")
+    tk.refresh_adapters()
+    assert tk.load(blob).samples.n_points == 60
+
+
+def test_what_is_registered_stays_after_a_refresh(blob: Path) -> None:
+    make("kept")
+    tk.refresh_adapters()
+    assert tk.load(blob).name == "kept"
+
+
 # clashes
+
+
+def test_a_name_that_an_installed_plug_in_has(plugin: Any, blob: Path) -> None:
+    plugin("blobs_a", MODULE, name="blobs")
+    with pytest.raises(InputError, match=r"^adapter 'blobs' is registered already, by blobs_a:Blobs; "):
+        make("blobs")
+    make("blobs", overwrite=True)
+    assert tk.load(blob).name == "blobs"
 
 
 def test_a_name_that_is_taken() -> None:
     with pytest.raises(InputError) as caught:
         make("mesh")
     assert str(caught.value) == (
-        "adapter 'mesh' is registered already, by topokit.adapters.mesh.entry:Mesh; test_registry:make.<locals>.opener "
+        f"adapter 'mesh' is registered already, by topokit.adapters.mesh.entry:MESH; {__name__}:make.<locals>.opener "
         "needs another name, or overwrite=True to replace it."
     )
 
 
 def test_overwriting_a_name(blob: Path) -> None:
-    make("mesh", overwrite=True)
-    assert tk.load(blob).name == "mesh"
-    tk.register_adapter("mesh", "topokit.adapters.mesh.entry:Mesh", overwrite=True)
+    make("mesh", overwrite=True, description="another")
+    assert registry.adapter_for(blob).description == "another"
+    tk.register_adapter("mesh", "topokit.adapters.mesh.entry:MESH", overwrite=True)
     assert message(UnknownFormatError, blob).startswith(f"{blob}: '.blob' is not a known format")
 
 
@@ -230,7 +259,7 @@ def test_plug_ins_whose_names_clash_are_left_out(plugin: Any, blob: Path) -> Non
         assert tk.load(blob).samples.n_points == 60
     assert [str(one.message) for one in caught] == [
         "A plug-in of blobs-b is left out: adapter 'blobs' is registered already, by blobs_a:Blobs; blobs_b:Blobs "
-        "needs another name, or overwrite=True to replace it."
+        "needs another name."
     ]
 
 
@@ -255,7 +284,7 @@ def test_plug_ins_whose_names_clash_are_left_out(plugin: Any, blob: Path) -> Non
         ),
         (
             MODULE.replace('"blobs"', '"bobs"'),
-            "it is registered as 'blobs' and calls itself 'bobs'; the two must agree.",
+            "it is registered as 'blobs', but its name is 'bobs'; the two must agree.",
         ),
         (MODULE.replace("description", "describes"), "its description is None; expected a string."),
         (
@@ -305,19 +334,19 @@ def test_an_entry_point_that_names_nothing(plugin: Any, blob: Path) -> None:
     problem = "it is given as 'nameless'; expected 'package.module:Class'."
     assert tk.list_adapters()[-1].problem == problem
     plugin("wordy", MODULE, name="words", target="no such: reference!")
-    registry._TABLE._knows_plugins = False
+    tk.refresh_adapters()
     assert str(tk.list_adapters()[-1].problem).startswith("no such: reference! could not be imported (")
 
 
 def test_wrong_registrations_are_refused_at_once() -> None:
     with pytest.raises(AdapterError, match=r"^it is the class int; expected a subclass of topokit\.Adapter\.$"):
         tk.register_adapter("number", int)
-    with pytest.raises(InputError, match=r"^test_registry:shape needs a name: register_adapter\(\"name\", \.\.\.\)\.$"):
+    with pytest.raises(InputError, match=rf"^{__name__}:shape needs a name: register_adapter\(\"name\", \.\.\.\)\.$"):
         tk.register_adapter(suffixes=(".x",))(shape)
     with pytest.raises(InputError, match=r"is a class: suffixes must be attributes of it\.$"):
         tk.register_adapter("blobs", tk.Adapter, suffixes=(".x",))
-    with pytest.raises(InputError, match=r"^adapter 'dots': an adapter has no suffix\. It has: description, suffixes"):
-        tk.register_adapter("dots", shape, suffix=".x")  # type: ignore[call-overload]
+    with pytest.raises(InputError, match=r"^adapter 'dots': an adapter has no suffix\. It has: name, description,"):
+        tk.register_adapter("dots", shape, suffix=".x")
 
 
 def test_a_look_that_fails_is_one_warning(blob: Path) -> None:
@@ -327,14 +356,14 @@ def test_a_look_that_fails_is_one_warning(blob: Path) -> None:
         names = [tk.load(blob).name for _ in range(3)]
     assert names == ["calm"] * 3
     assert [str(one.message) for one in caught] == [
-        f"adapter 'nervous' could not look at {blob} (RuntimeError: no idea). It is asked about suffixes alone."
+        f"adapter 'nervous' could not examine {blob} (RuntimeError: no idea). Only its suffixes are used."
     ]
 
 
 def test_a_missing_dependency_is_named_with_what_to_install(blob: Path) -> None:
     make("needy", content=True, requires=("nothing_here", "sys"), extra="needy[all]>=2")
     needs = "'needy', which needs: pip install \"needy[all]>=2\""
-    assert message(MissingDependencyError, blob) == f"The content of {blob} is recognised by {needs}"
+    assert message(MissingDependencyError, blob) == f"The content of {blob} is recognized by {needs}"
     assert message(MissingDependencyError, blob, adapter="needy") == (
         "adapter 'needy' is not usable yet: pip install \"needy[all]>=2\""
     )
@@ -342,7 +371,7 @@ def test_a_missing_dependency_is_named_with_what_to_install(blob: Path) -> None:
     assert (row.usable, row.missing_suffixes, row.install) == (False, (".blob",), 'pip install "needy[all]>=2"')
     make("needy", requires=("nothing_here",), overwrite=True)
     assert message(MissingDependencyError, blob) == (
-        f"The content of {blob} is not recognised, and its suffix is that of 'needy', which needs: "
+        f"The content of {blob} is not recognized, and its suffix is that of 'needy', which needs: "
         "pip install nothing_here"
     )
     make("ready")
@@ -394,7 +423,7 @@ def raising(error: Exception) -> Any:
         (
             lambda source: shape(points=POINTS[:5]),
             InputError,
-            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbours each: give at least 21, or pass a "
+            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbors each: give at least 21, or pass a "
             "smaller n_neighbors (3 or more).",
         ),
         (raising(KeyError("radius")), AdapterError, "adapter 'blobs' could not open {} (KeyError: 'radius')."),
@@ -402,7 +431,7 @@ def raising(error: Exception) -> Any:
         (
             raising(ModuleNotFoundError("No module named 'blobs_c'")),
             MissingDependencyError,
-            "adapter 'blobs' could not open {} without a package that is not there (No module named 'blobs_c'): "
+            "adapter 'blobs' could not open {}: a package is missing (No module named 'blobs_c'); "
             'pip install "blobs[c]".',
         ),
         (raising(tk.TopokitError("its own words")), tk.TopokitError, "its own words"),
@@ -415,6 +444,30 @@ def test_what_an_adapter_returns_or_raises(blob: Path, opener: Any, kind: type[E
     assert str(caught.value) == expected.format(blob)
     assert type(caught.value) is kind
     assert (caught.value.__cause__ is None) == ("returned" in expected or "own words" in expected)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, ((-1, -1, -1), (1, 1, 1))),
+        lambda: tk.from_occupancy(lambda x: (5 * (0.7 - x.norm(dim=1))).sigmoid(), bounds=((-1, -1, -1), (1, 1, 1))),
+        lambda: tk.from_mesh(icosphere(1)),
+        lambda: tk.from_points(POINTS),
+        lambda: tk.from_voxels(torch.ones(3, 3, 3, dtype=torch.bool)),
+        lambda: tk.Shape(tk.SurfaceSamples(POINTS)),
+    ],
+)
+def test_a_shape_that_a_plug_in_did_not_name_has_the_name_of_its_file(blob: Path, made: Any) -> None:
+    tk.register_adapter(
+        "blobs", lambda source: made(), description="blobs", suffixes=(".blob",), types=("builtins.set",)
+    )
+    assert tk.load(blob).name == "one.blob"
+    assert tk.load(set()).name == made().name
+
+
+def test_a_name_that_a_plug_in_gives_is_kept(blob: Path) -> None:
+    make("own name")
+    assert tk.load(blob).name == "own name"
 
 
 def test_samples_that_are_made_later_are_checked_later(blob: Path) -> None:
@@ -431,18 +484,17 @@ def test_options_that_do_not_exist_are_named(blob: Path) -> None:
     tk.register_adapter("all", lambda source, **options: shape(), suffixes=(".all",), description="")
     assert tk.load(blob, adapter="all", anything=1).samples.n_points == 60
     assert tk.load(blob, n_neighbors=7).n_neighbors == 7
-    assert registry.load_with(blob, {"n_samples": 9, "generator": None, "n_neighbors": 8}).n_neighbors == 8
 
 
 def test_openers_that_cannot_be_imported(plugin: Any, blob: Path) -> None:
     tk.register_adapter("later", "nowhere_at_all:function", suffixes=(".blob",), description="", extra="later")
     assert message(MissingDependencyError, blob) == (
-        "adapter 'later' could not be asked for its options without a package that is not there (No module named "
-        "'nowhere_at_all'): pip install \"later\"."
+        "the options of adapter 'later' could not be read: a package is missing (No module named 'nowhere_at_all'); "
+        'pip install "later".'
     )
     tk.register_adapter("later", "math:cube", suffixes=(".blob",), description="", overwrite=True)
     assert message(AdapterError, blob) == (
-        "adapter 'later' could not be asked for its options (AttributeError: module 'math' has no attribute 'cube')."
+        "the options of adapter 'later' could not be read (AttributeError: module 'math' has no attribute 'cube')."
     )
 
 
@@ -455,7 +507,7 @@ def test_content_comes_before_suffix(blob: Path) -> None:
     assert tk.load(blob).name == "content"
 
 
-def test_among_those_that_recognise_the_content_the_suffix_decides_then_priority(blob: Path) -> None:
+def test_among_those_that_recognize_the_content_the_suffix_decides_then_priority(blob: Path) -> None:
     make("high", content=True, suffixes=(), priority=9)
     make("low", content=True, priority=-1)
     assert tk.load(blob).name == "low"
@@ -480,13 +532,13 @@ def test_the_name_comes_first(blob: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "lead"),
-    [(True, "is recognised by"), (False, "is not recognised, and its suffix is that of")],
+    [(True, "is recognized by"), (False, "is not recognized, and its suffix is that of")],
 )
 def test_a_tie_that_is_left_names_both(blob: Path, content: bool, lead: str) -> None:
     make("one", content=content)
     make("two", content=content)
     assert message(InputError, blob) == (
-        f"The content of {blob} {lead} the adapters 'one' and 'two', and nothing decides between them: "
+        f"The content of {blob} {lead} the adapters 'one' and 'two', which rank equally: "
         "pass adapter='one' or adapter='two'."
     )
 
@@ -498,10 +550,10 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     known = sorted({suffix for row in tk.list_adapters() for suffix in row.suffixes})
     of_files = [name for name in [*BUILT_IN, "needy"] if name != "open3d"]
     assert message(UnknownFormatError, path) == (
-        f"{path}: '.xyz2' is not a known format and its content is not one either. Known: {', '.join(known)}. "
+        f"{path}: '.xyz2' is not a known format, and its content is not one either. Known: {', '.join(known)}. "
         'Known, but not installed: .blob (pip install "topokit-needy"). '
-        f"Pass adapter={' or '.join(map(repr, of_files))} if you know what it is. docs/adapters.md tells "
-        "how to write an adapter of your own."
+        f"If you know what it is, pass adapter=…, one of {', '.join(map(repr, of_files))}. For a format of your own "
+        "write an adapter: help(topokit.Adapter) shows how."
     )
 
 
@@ -512,18 +564,23 @@ def test_folders_are_offered_to_adapters(tmp_path: Path) -> None:
     assert tk.load(tmp_path / "slices").name == "slices"
 
 
-def test_a_head_is_read_once(blob: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[Path] = []
-    original = Path.open
-    monkeypatch.setattr(Path, "open", lambda path, *a, **b: opened.append(path) or original(path, *a, **b))
-    make("blobs")
-    tk.load(blob)
-    assert opened == [blob]
+def test_packed_files_are_to_be_unpacked(blob: Path) -> None:
     blob.write_bytes(b"PK\x03\x04 now another file")
     assert "zip archive" in message(UnknownFormatError, blob.rename(blob.with_suffix(".zip")))
 
 
 # objects
+
+
+def test_the_dictionary_of_a_splat_trainer_is_opened_as_splats() -> None:
+    scene = {
+        "means": POINTS,
+        "scales": torch.full((60, 3), -3.0, dtype=torch.float64) - torch.tensor([0.0, 0.0, 3.0]),
+        "quats": torch.ones(60, 4, dtype=torch.float64),
+        "opacities": torch.full((60,), 4.0, dtype=torch.float64),
+    }
+    assert tk.load(scene, n_samples=200).samples.n_points == 200
+    assert "the dictionary lacks quats" in message(InputError, {k: v for k, v in scene.items() if k != "quats"})
 
 
 def test_objects_by_public_name_and_by_defining_module(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -546,7 +603,7 @@ def test_objects_that_two_adapters_accept() -> None:
     make("one", types=(f"{__name__}.Own",))
     make("two", types=(f"{__name__}.Own",))
     assert message(InputError, Own()) == (
-        f"Objects of {__name__}.Own are opened by the adapters 'one' and 'two', and nothing decides between them: "
+        f"Objects of {__name__}.Own are opened by the adapters 'one' and 'two', which rank equally: "
         "pass adapter='one' or adapter='two'."
     )
     make("three", types=("builtins.Exception",), priority=1)

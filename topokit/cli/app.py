@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import typer
 
-from topokit.errors import AdapterWarning, InputError, TopokitError
-
-if TYPE_CHECKING:
-    from topokit.report.report import TopologyReport
-    from topokit.shape import Shape
+from topokit.cli.answers import Answer, answer_each
+from topokit.cli.options import Opener, opens_files
+from topokit.errors import AdapterWarning, InputError
 
 app = typer.Typer(
     help="Curvature, Euler characteristic and genus of meshes, points, volumes, networks and splats.",
@@ -26,16 +21,25 @@ app = typer.Typer(
 )
 
 Files = Annotated[list[Path], typer.Argument(help="Meshes, points, volumes, networks or splats.", metavar="FILE...")]
-Neighbors = Annotated[int, typer.Option("-k", "--neighbors", min=3, help="Neighbours of each point.")]
-Samples = Annotated[int, typer.Option("--samples", min=4, help="Points sampled from a mesh.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the sampling.")]
-Answer = TypeVar("Answer")
+Json = Annotated[bool, typer.Option("--json", help="One JSON array, an object per file.")]
 Quantity = Literal["gaussian", "mean", "total"]
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from topokit import __version__
+
+        typer.echo(f"topokit {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
-def main() -> None:
-    """Warnings about plug-ins look like the other messages of this command."""
+def main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Print warnings about plug-ins like the other messages of this command."""
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if issubclass(category, AdapterWarning):
@@ -47,151 +51,87 @@ def main() -> None:
 
 
 @app.command()
-def report(
-    files: Files,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON array, an object per file.")] = False,
-    neighbors: Neighbors = 20,
-    samples: Samples = 10_000,
-    seed: Seed = 0,
-) -> None:
+@opens_files
+def report(files: Files, opener: Opener, as_json: Json = False) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
 
-    def answer(path: Path) -> TopologyReport:
-        return _open(path, neighbors, samples, seed).report()
+    def answer(path: Path) -> Answer:
+        found = opener(path).report()
+        return found.to_dict(), f"{found}\n"
 
-    rows: list[dict[str, Any]] = []
-    failed = False
-    for path, found in _each(files, answer):
-        failed |= isinstance(found, TopokitError)
-        if isinstance(found, TopokitError):
-            rows.append({"file": str(path), "error": str(found)})
-        else:
-            rows.append({"file": str(path), **found.to_dict()})
-            if not as_json:
-                typer.echo(f"{found}\n")
-    if as_json:
-        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False, allow_nan=False))
-    raise typer.Exit(int(failed))
+    answer_each(files, answer, as_json)
 
 
 @app.command()
-def euler(files: Files, neighbors: Neighbors = 20, samples: Samples = 10_000, seed: Seed = 0) -> None:
+@opens_files
+def euler(files: Files, opener: Opener, as_json: Json = False) -> None:
     """One line per file: Euler characteristic, verdict, file (separated by tabs)."""
 
-    def answer(path: Path) -> str:
-        found = _open(path, neighbors, samples, seed).report()
+    def answer(path: Path) -> Answer:
+        found = opener(path).report()
         if found.euler is None:
-            raise InputError(f"{path}: there is nothing to go by. {' '.join(found.reasons)}")
-        return f"{found.euler}\t{found.verdict}\t{path}"
+            raise InputError(f"{path}: the Euler characteristic is unknown. {' '.join(found.reasons)}")
+        return {"euler": found.euler, "verdict": found.verdict}, f"{found.euler}\t{found.verdict}\t{path}"
 
-    _print_each(files, answer)
+    answer_each(files, answer, as_json)
 
 
 @app.command()
-def genus(files: Files, neighbors: Neighbors = 20, samples: Samples = 10_000, seed: Seed = 0) -> None:
+@opens_files
+def genus(files: Files, opener: Opener, as_json: Json = False) -> None:
     """One line per file: genus, verdict, file (separated by tabs)."""
 
-    def answer(path: Path) -> str:
+    def answer(path: Path) -> Answer:
         from topokit.report.report import known_genus
 
-        found = _open(path, neighbors, samples, seed).report()
-        return f"{known_genus(found)}\t{found.verdict}\t{path}"
+        found = opener(path).report()
+        handles = known_genus(found)
+        return {"genus": handles, "verdict": found.verdict}, f"{handles}\t{found.verdict}\t{path}"
 
-    _print_each(files, answer)
+    answer_each(files, answer, as_json)
 
 
 @app.command()
+@opens_files
 def curvature(
     file: Annotated[Path, typer.Argument(help="A mesh or a point cloud.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
-    color_by: Annotated[Quantity, typer.Option(help="What the colours show.")] = "gaussian",
-    neighbors: Neighbors = 20,
-    samples: Samples = 10_000,
-    seed: Seed = 0,
+    opener: Opener,
+    color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
 ) -> None:
-    """Write curvatures as colours and scalar fields of a PLY file (a mesh stays a mesh)."""
+    """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
 
-    def answer(path: Path) -> str:
+    def answer(path: Path) -> Answer:
         from topokit.export.ply import save_ply
 
         if output.exists() and output.samefile(path):
             raise InputError(f"{output} is the file to read; name another one to write.")
-        n_written = save_ply(_open(path, neighbors, samples, seed), output, color_by)
-        return f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
+        n_written = save_ply(opener(path), output, color_by)
+        return {}, f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
 
-    _print_each([file], answer)
+    answer_each([file], answer)
 
 
 @app.command()
-def adapters(
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON array, an object per adapter.")] = False,
-) -> None:
+def adapters(as_json: Annotated[bool, typer.Option("--json", help="One object per adapter.")] = False) -> None:
     """What can be opened: one line per adapter with name, suffixes, and "usable" or what is missing (tabs between)."""
-    from dataclasses import asdict
-
     from topokit.plugins.registry import list_adapters
 
+    shown = ("name", "description", "suffixes", "types", "usable", "missing_suffixes", "install", "problem")
     if as_json:
-        typer.echo(json.dumps([asdict(info) for info in list_adapters()], indent=2, ensure_ascii=False))
+        rows = [{key: getattr(adapter, key) for key in shown} for adapter in list_adapters()]
+        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
         return
-    for info in list_adapters():
-        typer.echo(f"{info.name}\t{' '.join(info.suffixes) or '-'}\t{info.state}")
+    for adapter in list_adapters():
+        typer.echo(f"{adapter.name}\t{' '.join(adapter.suffixes) or '-'}\t{adapter.state}")
 
 
 @app.command()
 def demo() -> None:
-    """The report of shapes that topokit makes itself."""
+    """The reports of shapes that topokit makes itself."""
     import topokit as tk
     from topokit.testing import genus_mesh, torus_samples
 
-    points = torus_samples(10_000).points
-    for name, shape in (
-        ("a genus-3 mesh", tk.from_mesh(genus_mesh(3))),
-        ("a torus as an unoriented point cloud", tk.from_points(points)),
-    ):
-        shape.name = name
-        typer.echo(f"{shape.report()}\n")
-
-
-def _open(path: Path, n_neighbors: int, n_samples: int, seed: int) -> Shape:
-    import torch
-
-    from topokit.plugins.registry import load_with
-
-    generator = torch.Generator().manual_seed(seed)
-    return load_with(path, {"n_neighbors": n_neighbors, "n_samples": n_samples, "generator": generator})
-
-
-def _print_each(files: list[Path], answer: Callable[[Path], str]) -> None:
-    failed = False
-    for _, found in _each(files, answer):
-        failed |= isinstance(found, TopokitError)
-        if not isinstance(found, TopokitError):
-            typer.echo(found)
-    raise typer.Exit(int(failed))
-
-
-def _each(files: list[Path], answer: Callable[[Path], Answer]) -> Iterator[tuple[Path, Answer | TopokitError]]:
-    """Answers file by file; a file that fails is reported on stderr and the others go on."""
-    with _progress(len(files)) as advance:
-        for path in files:
-            try:
-                yield path, answer(path)
-            except TopokitError as error:
-                typer.echo(f"topokit: {error}", err=True)
-                yield path, error
-            advance()
-
-
-@contextmanager
-def _progress(n_files: int) -> Iterator[Callable[[], None]]:
-    """A bar on stderr where that is a terminal and there is more than one file."""
-    if n_files < 2 or not sys.stderr.isatty():
-        yield lambda: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("files", total=n_files)
-        yield lambda: bar.advance(task)
+    mesh, cloud = tk.from_mesh(genus_mesh(3)), tk.from_points(torus_samples(10_000).points)
+    typer.echo(f"{mesh.replace(name='a genus-3 mesh').report()}\n")
+    typer.echo(f"{cloud.replace(name='a torus as an unoriented point cloud').report()}\n")

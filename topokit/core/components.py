@@ -1,10 +1,22 @@
-"""What is known about one connected component of a surface."""
+"""What is known about the connected components of a surface."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
 
 Corner = tuple[float, float, float]
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+def genus_of(euler: Integers, boundary_loops: Integers | int = 0, components: int = 1) -> Integers:
+    """Handles of an orientable surface, g = (2c − b − χ)/2, element by element."""
+    return (2 * components - boundary_loops - euler) // 2
 
 
 @dataclass(frozen=True)
@@ -30,3 +42,83 @@ class SurfaceComponent:
     inside: int | None = None
     depth: int | None = None
     estimate: float | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CountedComponents(Sequence[SurfaceComponent]):
+    """The components of a counted surface, held as arrays with one row each.
+
+    A sequence of `SurfaceComponent`, each of which is made when it is asked for: a million components cost 120 bytes
+    each.
+
+    Attributes:
+        euler: (C,) Euler characteristics.
+        genera: (C,) handles, −1 where a component is not an orientable manifold.
+        boundary_loops: (C,) closed boundary curves.
+        low, high: (C, 3) corners of the bounding boxes.
+        area_shares: (C,) shares of the surface's area.
+        inside: (C,) index of the innermost closed component around each, −1 for none.
+        depths: (C,) number of closed components around each.
+    """
+
+    euler: Integers
+    genera: Integers
+    boundary_loops: Integers
+    low: Floats
+    high: Floats
+    area_shares: Floats
+    inside: Integers
+    depths: Integers
+
+    @property
+    def genus(self) -> int | None:
+        """Handles summed over components, or None if any component has no genus."""
+        return None if (self.genera < 0).any() else int(self.genera.sum())
+
+    @property
+    def cavities(self) -> int:
+        """Number of components that bound a hole inside a solid: those at odd depth."""
+        return int((self.depths % 2).sum())
+
+    @property
+    def solid_betti(self) -> tuple[int, int, int] | None:
+        """Betti numbers (components, tunnels, cavities) of the solid that closed components bound.
+
+        Surfaces at even depth are outer walls of the solid, those at odd depth walls of its cavities; a solid has as
+        many tunnels as its walls have handles. None if a genus is unknown.
+        """
+        return None if self.genus is None else (len(self) - self.cavities, self.genus, self.cavities)
+
+    def __len__(self) -> int:
+        return len(self.euler)
+
+    @overload
+    def __getitem__(self, index: int) -> SurfaceComponent: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[SurfaceComponent, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> SurfaceComponent | tuple[SurfaceComponent, ...]:
+        if isinstance(index, slice):
+            return tuple(self[row] for row in range(*index.indices(len(self))))
+        genus, inside = int(self.genera[index]), int(self.inside[index])
+        return SurfaceComponent(
+            euler=int(self.euler[index]),
+            genus=genus if genus >= 0 else None,
+            boundary_loops=int(self.boundary_loops[index]),
+            bounds=(tuple(self.low[index].tolist()), tuple(self.high[index].tolist())),
+            area_share=float(self.area_shares[index]),
+            inside=inside if inside >= 0 else None,
+            depth=int(self.depths[index]),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sequence) or len(self) != len(other):
+            return False
+        return all(mine == theirs for mine, theirs in zip(self, other, strict=True))
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return f"CountedComponents({len(self)})"

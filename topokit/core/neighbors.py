@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.labels import connected_labels
 from topokit.errors import InputError
 
 _CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
@@ -32,7 +31,7 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
         raise InputError(f"n_neighbors is {n_neighbors}; at least 3 are needed to span a tangent plane.")
     if n_points <= n_neighbors:
         raise InputError(
-            f"{n_points} points are too few for {n_neighbors} neighbours each: "
+            f"{n_points} points are too few for {n_neighbors} neighbors each: "
             f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
         )
     search = _kd_tree if points.device.type == "cpu" else _exact
@@ -41,12 +40,18 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
     return found.reshape(*points.shape[:-1], n_neighbors)
 
 
-def flat_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
-    """`nearest_neighbors` as rows of the merged point list: (B·N, k), each batch item's indices offset by its start."""
-    found = nearest_neighbors(points, n_neighbors)
-    n_points = points.shape[-2]
-    items = found.reshape(-1, n_points, n_neighbors)
-    starts = torch.arange(items.shape[0], device=points.device) * n_points
+def merged_neighbors(neighbors: Tensor) -> Tensor:
+    """Neighbor indices of batch items as rows of their merged point list.
+
+    Args:
+        neighbors: (..., N, k), indices within each batch item.
+
+    Returns:
+        (B·N, k), each item's indices offset by its first row.
+    """
+    n_points, n_neighbors = neighbors.shape[-2:]
+    items = neighbors.reshape(-1, n_points, n_neighbors)
+    starts = torch.arange(len(items), device=neighbors.device) * n_points
     return (items + starts[:, None, None]).reshape(-1, n_neighbors)
 
 
@@ -62,12 +67,7 @@ def neighbor_components(neighbors: Tensor) -> Tensor:
     n_points, n_neighbors = neighbors.shape
     columns = neighbors.cpu().numpy().ravel()
     rows = np.repeat(np.arange(n_points), n_neighbors)
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(n_points, n_points))
-    _, labels = connected_components(graph, directed=False)
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    rank = np.empty_like(first)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return torch.from_numpy(rank[inverse].astype(np.int64)).to(neighbors.device)
+    return torch.from_numpy(connected_labels(n_points, rows, columns)).to(neighbors.device)
 
 
 def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:

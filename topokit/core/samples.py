@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -20,7 +22,7 @@ class SurfaceSamples:
         frames: (..., N, 3, 3) or None; rows t, t', n of an orthonormal moving frame. Takes precedence over `normals`.
         areas: (..., N) or None (then the tangent Voronoi areas), in squared units of length.
         oriented: True if the signs of the normals are to be believed (pointing outward). If False, or if there are
-            no normals, neighbouring normals are aligned with the centre's before they are compared, so the Gaussian
+            no normals, neighboring normals are aligned with the center's before they are compared, so the Gaussian
             curvature does not depend on the signs and the mean curvature's sign is meaningless.
 
     Raises:
@@ -65,15 +67,42 @@ class SurfaceSamples:
         """Normals (..., N, 3) as given, or the third axis of the frames; None if there are neither."""
         return self.frames[..., 2, :] if self.frames is not None else self.normals
 
+    def to(self, *args: Any, **kwargs: Any) -> SurfaceSamples:
+        """The samples on another device or in another floating type; arguments as for `torch.Tensor.to`."""
+        return self._map(lambda value, kept: value.to(*args, **kwargs))
+
+    def versions(self) -> tuple[int, ...]:
+        """Counters that change when a tensor is changed in place."""
+        tensors = (self.points, self.normals, self.frames, self.areas)
+        return tuple(tensor._version for tensor in tensors if tensor is not None)
+
+    def items(self) -> tuple[SurfaceSamples, ...]:
+        """The samples of each batch item, detached, in the order of the merged batch dimensions."""
+        n_points = self.n_points
+        merged = self._map(lambda value, kept: value.detach().reshape(-1, n_points, *value.shape[value.ndim - kept :]))
+
+        def item(index: int) -> SurfaceSamples:
+            return merged._map(lambda value, kept: value[index])
+
+        return tuple(map(item, range(len(merged.points))))
+
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""
 
-        def merge(value: Tensor | None, kept: int) -> Tensor | None:
-            return None if value is None else value.reshape(-1, *value.shape[value.ndim - kept :])
+        return self._map(lambda value, kept: value.reshape(-1, *value.shape[value.ndim - kept :]))
 
-        points = self.points.reshape(-1, 3)
+    def _map(self, change: Callable[[Tensor, int], Tensor]) -> SurfaceSamples:
+        """The samples with every tensor changed; the function also gets how many axes belong to one sample."""
+
+        def changed(value: Tensor | None, kept: int) -> Tensor | None:
+            return None if value is None else change(value, kept)
+
         return SurfaceSamples(
-            points, merge(self.normals, 1), merge(self.frames, 2), merge(self.areas, 0), self.oriented
+            change(self.points, 1),
+            changed(self.normals, 1),
+            changed(self.frames, 2),
+            changed(self.areas, 0),
+            self.oriented,
         )
 
 
@@ -81,13 +110,13 @@ def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> Surf
     """The samples themselves.
 
     Raises:
-        InputError: if they are something else, or not more than the neighbours that each is to have.
+        InputError: if they are something else, or do not outnumber the neighbors of each.
     """
     if not isinstance(samples, SurfaceSamples):
         raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
     if samples.n_points <= n_neighbors:
         raise InputError(
-            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
+            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbors each: "
             f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
         )
     return samples

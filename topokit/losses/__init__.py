@@ -1,16 +1,23 @@
-"""Losses that ask for a topology, and what goes with them in a training loop."""
+"""Losses on topology, and what a training loop needs beside them: schedule, monitor, critical points."""
 
+from topokit.core.local.self_optimization import integrity_well
 from topokit.losses.critical import CriticalPoints, critical_points
 from topokit.losses.euler import EulerLoss, euler_loss
 from topokit.losses.monitor import TopologyMonitor, TopologyRecord
 from topokit.losses.schedule import TauSchedule
+from topokit.losses.topology import TopologyLoss, topology_loss
+from topokit.losses.tracker import SearchOptions
 
 __all__ = [
     "CriticalPoints",
     "EulerLoss",
+    "SearchOptions",
     "TauSchedule",
+    "TopologyLoss",
     "TopologyMonitor",
     "TopologyRecord",
     "critical_points",
     "euler_loss",
+    "integrity_well",
+    "topology_loss",
 ]

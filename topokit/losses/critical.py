@@ -1,4 +1,4 @@
-"""Critical points made visible: which voxels a loss on χ_τ moves, which way, and what each of them does."""
+"""Critical points of a field: which voxels the Euler loss moves, in which direction, and what happens there."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import at_least_single, critical_index, smoothed_euler
-from topokit.core.homotopy.simple_points import OFFSETS, Codes, touching
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, at_least_single, critical_index, smoothed_euler
+from topokit.core.homotopy.simple_points import OFFSETS, Codes, count_touching
 from topokit.errors import InputError
 
 APPEARS, FILLS, JOINS, CLOSES, SEVERAL = "appears", "fills", "joins", "closes", "several"
@@ -17,7 +17,7 @@ APPEARS, FILLS, JOINS, CLOSES, SEVERAL = "appears", "fills", "joins", "closes", 
 
 @dataclass(frozen=True)
 class CriticalPoints:
-    """Voxels at which the topology of {field > t} changes as t falls past their value, the nearest to the level first.
+    """Voxels at which the topology of {field > t} changes as t falls past their value, sorted by |value|.
 
     Attributes:
         voxels: (M, 3) int64 grid indices (x, y, z).
@@ -26,8 +26,8 @@ class CriticalPoints:
         kinds: what happens there as the level falls: "appears" (a part), "joins" (parts join, or a handle closes on
             itself and a tunnel opens), "closes" (a tunnel closes or a cavity is walled off), "fills" (a cavity
             vanishes), or "several" of these at once.
-        push: (M,), minus the derivative of (χ_τ - target)² with respect to the field: positive where descent raises
-            it.
+        push: (M,), minus the derivative of (χ_τ - target)² with respect to the field: positive where gradient descent
+            raises the field.
     """
 
     voxels: Tensor
@@ -38,14 +38,19 @@ class CriticalPoints:
 
 
 def critical_points(
-    field: Tensor, target: float, tau: float, *, level: float = 0.0, connectivity: int = 6
+    field: Tensor,
+    target: float,
+    tau: float,
+    *,
+    level: float = 0.0,
+    connectivity: int = DEFAULT_CONNECTIVITY,
 ) -> CriticalPoints:
-    """The critical points of a field, and what (χ_τ - target)² does to them.
+    """Critical points of a field, and how (χ_τ - target)² pushes them.
 
     Args:
         field: (X, Y, Z), floating point, positive inside, finite.
         target: Euler characteristic of the surface.
-        tau: scale of the levels.
+        tau: scale of the levels over which χ is averaged, in units of the field.
         level: {field > level} is the solid.
         connectivity: 6 or 26, that of the solid.
 
@@ -54,13 +59,13 @@ def critical_points(
     """
     if field.ndim != 3 or not field.is_floating_point() or not bool(field.isfinite().all()):
         raise InputError(
-            f"critical points are those of one finite floating-point field (X, Y, Z); got {tuple(field.shape)}, "
-            f"{field.dtype}."
+            "critical points need one finite floating-point field (X, Y, Z); got shape "
+            f"{tuple(field.shape)} and type {field.dtype}."
         )
     leaf = at_least_single(field.detach()).clone().requires_grad_()
     with torch.enable_grad():
-        missed = (smoothed_euler(leaf, tau, level, connectivity) - target).square()
-    (slope,) = torch.autograd.grad(missed, leaf)
+        loss = (smoothed_euler(leaf, tau, level, connectivity) - target).square()
+    (slope,) = torch.autograd.grad(loss, leaf)
     index = critical_index(leaf, connectivity)
     voxels = index.nonzero()
     values = leaf.detach()[index != 0] - level
@@ -72,19 +77,19 @@ def critical_points(
 
 
 def _upper_codes(field: np.ndarray, voxels: np.ndarray, connectivity: int) -> Codes:
-    """Neighbours that are in the solid when the level reaches the voxel; ties as in `critical_index`."""
+    """Neighborhoods in the solid just above each voxel's value, as codes of 27 bits; ties as in `critical_index`."""
     padded = np.pad(field, 1, constant_values=-np.inf)
     own = padded[tuple((voxels + 1).T)]
     codes = np.zeros(len(voxels), dtype=np.int32)
     for bit, offset in enumerate(OFFSETS):
         value = padded[tuple((voxels + 1 + offset).T)]
-        comes_first = bit > 13 if connectivity == 6 else bit < 13
-        before = (value > own) | ((value == own) & comes_first)
-        codes |= before.astype(np.int32) << np.int32(bit)
+        wins_tie = bit > 13 if connectivity == 6 else bit < 13
+        is_higher = (value > own) | ((value == own) & wins_tie)
+        codes |= is_higher.astype(np.int32) << np.int32(bit)
     return codes
 
 
 def _kinds(codes: Codes, connectivity: int) -> tuple[str, ...]:
-    solid, background = touching(codes, connectivity)
+    solid, background = count_touching(codes, connectivity)
     cases = [solid == 0, background == 0, (solid > 1) & (background > 1), solid > 1]
     return tuple(np.select(cases, [APPEARS, FILLS, SEVERAL, JOINS], CLOSES).tolist())

@@ -1,21 +1,23 @@
-"""The exact topology in the course of training."""
+"""Monitor that counts the exact topology of a field during training, and says when the goal is reached."""
 
 from __future__ import annotations
 
+import inspect
 import logging
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from numbers import Integral
 
-from torch import Tensor
+from torch import Tensor, nn
 
-from topokit.core.grid.components import betti_numbers, grid_components
+from topokit.core.grid.components import betti_by_component, betti_numbers
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
-from topokit.losses.goal import Target, goal_of
-from topokit.losses.source import FieldSource
-from topokit.shape import Shape
-
-Source = Tensor | Shape
+from topokit.losses.checks import check_count
+from topokit.losses.euler import EulerLoss
+from topokit.losses.source import FieldSource, Source
+from topokit.losses.topology import TopologyLoss
 
 _log = logging.getLogger("topokit")
 
@@ -38,26 +40,29 @@ class TopologyRecord:
 
 
 class TopologyMonitor:
-    """Counts the field's topology every few steps, logs it and says when the goal is reached.
+    """Counts the topology of a field every few steps, logs it, and says when the goal of a loss is reached.
 
-    The count is exact for the cubical complex of the grid: no τ, no gradient. It logs to the logger "topokit", at level
-    INFO.
+    The count is exact for the cubical complex of the grid: no τ, no gradient. It is logged to the logger "topokit" at
+    level INFO.
 
     Args:
-        target, genus, components, cavities: the goal, as in `EulerLoss`; without target and genus there is none, and
-            training is only watched.
+        loss: the loss in use, whose goal, level and resolution the monitor shares. Without one there is no goal, and
+            the topology is only recorded.
         every: steps between counts.
-        patience: counts in succession that must meet the goal.
-        level: of a plain field.
-        connectivity: 6 or 26, of a plain field.
-        resolution: grid points along a side, at most, for the winding field of samples.
+        patience: number of successive counts that must meet the goal.
+        level: of a plain field; by default that of the loss, or 0.
+        connectivity: 6 or 26, of a plain field and of samples; by default that of the loss, or 26.
+        resolution: for shapes without a field; by default that of the loss, or 64.
 
     Attributes:
         history: one `TopologyRecord` per count.
 
+    Raises:
+        InputError: if an argument has a wrong type or value.
+
     Example:
         >>> import topokit as tk, torch
-        >>> monitor = tk.TopologyMonitor(genus=0, every=10, patience=1)
+        >>> monitor = tk.TopologyMonitor(tk.TopologyLoss(genus=0), every=10, patience=1)
         >>> field = torch.ones(4, 4, 4)
         >>> [step for step in range(30) if monitor(step, field)]
         [0, 10, 20]
@@ -67,67 +72,91 @@ class TopologyMonitor:
 
     def __init__(
         self,
-        target: Target = None,
+        loss: TopologyLoss | EulerLoss | None = None,
         *,
-        genus: int | Sequence[int] | None = None,
-        components: int | None = 1,
-        cavities: int = 0,
         every: int = 25,
         patience: int = 2,
-        level: float = 0.0,
-        connectivity: int = 6,
-        resolution: int = 64,
+        level: float | None = None,
+        connectivity: int | None = None,
+        resolution: int | None = None,
     ) -> None:
-        if every < 1 or patience < 1:
-            raise InputError(f"every and patience must be at least 1, got {every} and {patience}.")
-        has_goal = target is not None or genus is not None
-        self._goal = goal_of(target, genus, components, cavities) if has_goal else None
+        if not isinstance(loss, TopologyLoss | EulerLoss | None):
+            raise InputError(f"loss must be a TopologyLoss, an EulerLoss or None, not {loss!r}.")
+        check_count("every", every, 1)
+        check_count("patience", patience, 1)
+        shared = loss.source if loss else FieldSource(0.0, DEFAULT_CONNECTIVITY, 64)
+        self._source = FieldSource(
+            shared.level if level is None else level,
+            shared.connectivity if connectivity is None else connectivity,
+            shared.resolution if resolution is None else resolution,
+        )
+        self._goal = loss.goal if isinstance(loss, TopologyLoss) else None
+        self._target = loss.target if isinstance(loss, EulerLoss) else None
         self._every = every
         self._patience = patience
-        self._source = FieldSource(level, connectivity, resolution)
-        self._met = 0
+        self._n_met = 0
         self.history: list[TopologyRecord] = []
 
     def __call__(self, step: int, source: Source | Callable[[], Source]) -> bool:
-        """Count, if it is time; True when the goal has been met `patience` times in succession and training may stop.
+        """Count, if it is time; True when the goal has been met `patience` times in a row and training may stop.
 
         Args:
-            step: of the training.
-            source: what the loss is given: one field (X, Y, Z) or a shape; or a function that returns it, called only
-                when it is time.
+            step: number of the training step.
+            source: what the loss is called with: one field (X, Y, Z) or a shape; or a function without arguments that
+                returns it, called only when it is time.
 
         Raises:
-            InputError: if the source is a batch, or none of these.
+            InputError: if the step is not an integer, or the source is a batch or none of these.
         """
+        if not isinstance(step, Integral):
+            raise InputError(f"the first argument is the number of the step, an integer; got {type(step).__name__}.")
         if step % self._every:
             return False
-        fields = self._source(source() if callable(source) else source)
-        if len(fields) != 1:
-            raise InputError(f"a monitor watches one field; got a batch of {len(fields)}. Use one monitor for each.")
-        values, connectivity = fields[0].detached(), fields[0].connectivity
+        found = self._source(_call(source))
+        if len(found) != 1:
+            raise InputError(f"a monitor watches one field; got a batch of {len(found)}. Use one monitor for each.")
+        values, connectivity = found[0].detached(), found[0].connectivity
         components, tunnels, cavities = betti_numbers(values, 0.0, connectivity).tolist()
-        record = TopologyRecord(step, 2 * (components - tunnels + cavities), components, tunnels, cavities)
+        record = TopologyRecord(int(step), 2 * (components - tunnels + cavities), components, tunnels, cavities)
         self.history.append(record)
         _log.info("step %d: χ %d, components %d, tunnels %d, cavities %d", *asdict(record).values())
-        self._met = self._met + 1 if self._is_met(record, values, connectivity) else 0
-        return self._met >= self._patience
+        self._n_met = self._n_met + 1 if self._is_met(record, values, connectivity) else 0
+        return self._n_met >= self._patience
 
     def columns(self) -> dict[str, list[int]]:
         """The history as columns, to plot or to write."""
-        rows = [asdict(record) for record in self.history]
-        return {name: [row[name] for row in rows] for name in TopologyRecord.__dataclass_fields__}
+        names = [field.name for field in fields(TopologyRecord)]
+        return {name: [getattr(record, name) for record in self.history] for name in names}
 
     def _is_met(self, record: TopologyRecord, values: Tensor, connectivity: int) -> bool:
         if self._goal is None:
-            return False
-        if self._goal.betti is None:
-            return record.euler == self._goal.euler
+            return record.euler == self._target
         if (record.components, record.tunnels, record.cavities) != self._goal.betti:
             return False
-        return not self._goal.parts or _betti_by_size(values, connectivity) == self._goal.parts
+        return not self._goal.by_component or _betti_by_size(values, connectivity) == self._goal.by_component
+
+
+def _call(source: Source | Callable[[], Source]) -> Source:
+    """The source itself, or what the function returns."""
+    if not callable(source):
+        return source
+    if isinstance(source, nn.Module) or not _takes_no_arguments(source):
+        raise InputError(
+            "expected a field, a Shape, or a function without arguments that returns one; got "
+            f"{type(source).__name__}, which needs arguments. Wrap a network as a shape: tk.from_sdf(net)."
+        )
+    return source()
+
+
+def _takes_no_arguments(function: Callable[..., object]) -> bool:
+    try:
+        inspect.signature(function).bind()
+    except TypeError:
+        return False
+    return True
 
 
 def _betti_by_size(values: Tensor, connectivity: int) -> tuple[Betti, ...]:
     """Betti numbers of each component, the largest first."""
-    parts = sorted(grid_components(values, 0.0, connectivity)[1], key=lambda part: -part.voxels)
-    return tuple((1, part.tunnels, part.cavities) for part in parts)
+    rows = betti_by_component(values, 0.0, connectivity).tolist()
+    return tuple((components, tunnels, cavities) for components, tunnels, cavities in rows)

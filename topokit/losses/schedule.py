@@ -1,29 +1,28 @@
-"""How τ falls in the course of training."""
+"""Schedule that lowers τ during training."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from torch import Tensor
-
-from topokit.core.grid.field import median_step_at_crossings
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.field import default_tau
 from topokit.errors import InputError
-from topokit.losses.source import FieldSource
-from topokit.shape import Shape
+from topokit.losses.checks import check_count
+from topokit.losses.source import FieldSource, Source
 
 
 @dataclass(frozen=True)
 class TauSchedule:
-    """τ falls geometrically from `coarsest` to `finest`, and stays there for the last fifth of the steps.
+    """Geometric decay of τ from `coarsest` to `finest`, where it stays for the last fifth of the steps.
 
     Attributes:
-        coarsest: first τ, in units of the field: about the depth of the hole that is to be closed.
+        coarsest: first τ, in units of the field: about the depth of the hole to close.
         finest: last τ: well below the field's change over one cell.
-        n_steps: of the training.
+        n_steps: number of training steps.
 
     Raises:
-        InputError: unless 0 < finest <= coarsest < ∞ and there are steps.
+        InputError: unless 0 < finest <= coarsest < ∞, and n_steps is an integer of at least 1.
 
     Example:
         >>> schedule = TauSchedule(0.2, 0.05, 100)
@@ -36,29 +35,30 @@ class TauSchedule:
     n_steps: int
 
     def __post_init__(self) -> None:
-        if not 0 < self.finest <= self.coarsest < math.inf or self.n_steps < 1:
+        check_count("n_steps", self.n_steps, 1)
+        if not 0 < self.finest <= self.coarsest < math.inf:
             raise InputError(
-                f"a schedule needs 0 < finest <= coarsest < ∞ and n_steps >= 1, got finest={self.finest:g}, "
-                f"coarsest={self.coarsest:g} and n_steps={self.n_steps}."
+                f"a schedule needs 0 < finest <= coarsest < ∞; got finest={self.finest:g}, coarsest={self.coarsest:g}."
             )
 
     @classmethod
-    def for_field(cls, source: Tensor | Shape, n_steps: int, *, level: float = 0.0) -> TauSchedule:
-        """From the field's own spread, the median of |F - level|, to half its typical change over one cell.
+    def for_field(cls, source: Source, n_steps: int, *, level: float = 0.0, resolution: int = 64) -> TauSchedule:
+        """The schedule from a field's spread, the median of |F - level|, down to the default τ of the losses.
 
         Args:
-            source: one field (X, Y, Z), or a shape: what the loss is going to be given.
-            n_steps: of the training.
+            source: one field (X, Y, Z), or a shape: what the loss will be called with.
+            n_steps: number of training steps.
             level: of a plain field.
+            resolution: for shapes without a field: that of the loss.
 
         Raises:
-            InputError: if the field has the same sign everywhere, or there are several.
+            InputError: if the field has the same sign everywhere, or the source is a batch.
         """
-        fields = FieldSource(level, 6, 64)(source)
+        fields = FieldSource(level, DEFAULT_CONNECTIVITY, resolution)(source)
         if len(fields) != 1:
-            raise InputError(f"a schedule is that of one field; got a batch of {len(fields)}.")
+            raise InputError(f"a schedule is for one field; got a batch of {len(fields)}.")
         values = fields[0].detached()
-        finest = 0.5 * median_step_at_crossings(values)
+        finest = default_tau(values)
         return cls(max(finest, float(values[values.isfinite()].abs().median())), finest, n_steps)
 
     def __call__(self, step: int) -> float:

@@ -1,15 +1,14 @@
-"""Adapter: what recognises one representation and turns it into a Shape."""
+"""Adapter: how one representation is recognized, and how it becomes a Shape."""
 
 from __future__ import annotations
 
 import importlib.util
 import inspect
+import pkgutil
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
-from importlib import import_module
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from topokit.errors import InputError
 
@@ -18,23 +17,34 @@ if TYPE_CHECKING:
 
 
 class Adapter:
-    """One representation: how it is recognised, and how it becomes a `Shape`.
+    """One representation: how it is recognized, and how it becomes a `Shape`.
 
-    A subclass gives `name`, `description` and `suffixes`, and either overrides `open` or names an `opener`. It takes no
-    arguments. Its module should import nothing heavy: it is imported when topokit first chooses between adapters.
+    A subclass sets `name`, `description` and `suffixes`, and writes `open` (or names an `opener`). Its constructor
+    takes no arguments, and its module imports nothing heavy: it is imported when topokit first chooses an adapter.
+
+        class Rings(topokit.Adapter):
+            name, description, suffixes = "rings", "tori by their two radii", (".ring",)
+
+            def open(self, source, *, n_samples=10_000):
+                ...
+                return topokit.Shape(topokit.SurfaceSamples(points, normals))
+
+    An installed package declares it as an entry point, `rings = "topokit_rings:Rings"` in the group "topokit.adapters";
+    a script calls `topokit.register_adapter(Rings)`. `topokit.testing.AdapterConformance` tests it.
 
     Attributes:
-        name: a word of its own, unlike every other adapter's.
+        name: a unique name.
         description: what it opens, in a few words.
-        suffixes: of file names, lower case, with their dot; () where only content or objects are recognised.
-        types: classes whose objects it opens, as "trimesh.Trimesh": the public name or the one in the module that
-            defines them. They are compared without importing anything, so they may be missing.
-        extra: what `pip install` is to be given to make it usable, as "topokit[open3d]" or "pydicom>=3".
-        requires: modules (top level) without which nothing can be opened.
-        suffix_requires: (suffix, module) pairs: what single suffixes need besides.
-        priority: the higher goes first where content and suffix leave several adapters.
-        opener: a function that opens, or its name as "package.module:function", imported when it is needed.
+        suffixes: of file names, lower case, with their dot; () if only content or objects are recognized.
+        types: classes whose objects it opens, as "trimesh.Trimesh": the public name or the module that defines them.
+            They are compared without importing anything, so their packages may be missing.
+        extra: what to `pip install` to make it usable, as "topokit[open3d]" or "pydicom>=3".
+        requires: top-level modules without which it opens nothing.
+        suffix_requires: (suffix, module) pairs: modules that only some suffixes need.
+        priority: the highest wins where content and suffix leave several adapters.
+        opener: the function that opens a source, or its name as "package.module:function", imported when needed.
         differentiable: whether samples carry a gradient to the tensors of an object given to `open`.
+        problem: what is wrong with a broken plug-in, set by topokit.
     """
 
     name: str
@@ -47,11 +57,19 @@ class Adapter:
     priority: int = 0
     opener: str | Callable[..., Shape] | None = None
     differentiable: bool = False
+    problem: str | None = None
+
+    def __init__(self, **attributes: Any) -> None:
+        known = [*Adapter.__annotations__, "can_open"]
+        if unknown := sorted(attributes.keys() - set(known)):
+            called = attributes.get("name", self)
+            raise InputError(f"adapter {called!r}: an adapter has no {', '.join(unknown)}. It has: {', '.join(known)}.")
+        vars(self).update(attributes)
 
     def can_open(self, source: Path) -> bool:
-        """Whether the content of a file or folder is this representation, beyond doubt; the suffix does not count.
+        """Whether the content of a file or folder is certainly this representation, whatever its suffix.
 
-        It is asked for every file, so it should look at the first bytes alone (`topokit.inputs.files.head`).
+        It is asked about every file, so it should read only the first bytes (`topokit.inputs.files.head`).
 
         Args:
             source: path of a file with content, or of a folder.
@@ -61,112 +79,58 @@ class Adapter:
     def open(self, source: Any, **options: Any) -> Shape:
         """The shape of a file or object.
 
-        A subclass writes the options that it takes as keyword arguments, so that others can be refused by name.
-
         Args:
             source: path of a file or folder, or an object of one of `types`.
-            options: what the opener takes.
+            options: a subclass lists its own as keyword arguments; others are then refused by name.
         """
         return self._opener()(source, **options)
 
-    def options(self) -> frozenset[str] | None:
-        """Names of the options of `open`; None if it takes any."""
-        own = type(self).open is not Adapter.open
-        parameters = list(inspect.signature(self.open if own else self._opener()).parameters.values())[1:]
+    def options(self) -> Mapping[str, inspect.Parameter] | None:
+        """The options of `open` by name; None if it takes any."""
+        function = self.open if type(self).open is not Adapter.open else self._opener()
+        try:
+            signature = inspect.signature(function, eval_str=True)
+        except NameError:  # annotations with names that are imported for type checkers only
+            signature = inspect.signature(function)
+        parameters = list(signature.parameters.values())[1:]
         if any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters):
             return None
-        return frozenset(p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY))
+        return {one.name: one for one in parameters if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)}
 
-    def _opener(self) -> Callable[..., Shape]:
-        if not isinstance(self.opener, str):
-            assert self.opener is not None, "an adapter without open() and opener is refused when it is registered"
-            return self.opener
-        module, _, function = self.opener.partition(":")
-        opener: Callable[..., Shape] = getattr(import_module(module), function)
-        return opener
+    @property
+    def usable(self) -> bool:
+        """Whether it can open anything."""
+        return self.problem is None and all(map(_is_installed, self.requires))
 
+    @property
+    def missing_suffixes(self) -> tuple[str, ...]:
+        """Suffixes that cannot be opened until something is installed."""
+        lacking = {suffix for suffix, module in self.suffix_requires if not _is_installed(module)}
+        return tuple(suffix for suffix in self.suffixes if suffix in lacking or not self.usable)
 
-class AdapterAttributes(TypedDict, total=False):
-    """What `register_adapter` may be told of a function."""
-
-    description: str
-    suffixes: tuple[str, ...]
-    types: tuple[str, ...]
-    extra: str | None
-    requires: tuple[str, ...]
-    suffix_requires: tuple[tuple[str, str], ...]
-    priority: int
-    differentiable: bool
-    can_open: Callable[[Path], bool]
-
-
-class FunctionAdapter(Adapter):
-    """The adapter that a function is: it opens, and everything else is said beside it."""
-
-    def __init__(self, name: str, opener: str | Callable[..., Shape], attributes: AdapterAttributes) -> None:
-        self.name, self.opener, self.suffixes = name, opener, ()
-        self.description = (getattr(opener, "__doc__", None) or name).strip().splitlines()[0]
-        unknown = sorted(set(attributes) - set(AdapterAttributes.__annotations__))
-        if unknown:
-            raise InputError(
-                f"adapter {name!r}: an adapter has no {', '.join(unknown)}. "
-                f"It has: {', '.join(AdapterAttributes.__annotations__)}."
-            )
-        for attribute, value in attributes.items():
-            setattr(self, attribute, value)
-
-
-@dataclass(frozen=True)
-class AdapterInfo:
-    """An adapter as `list_adapters` shows it.
-
-    Attributes:
-        name, description, suffixes, types: the adapter's own.
-        usable: whether it can open anything at all.
-        missing_suffixes: those of its suffixes that cannot be opened before something is installed.
-        install: the line that installs what is missing, or None.
-        problem: what is wrong with a broken plug-in, or None.
-    """
-
-    name: str
-    description: str
-    suffixes: tuple[str, ...]
-    types: tuple[str, ...]
-    usable: bool
-    missing_suffixes: tuple[str, ...] = ()
-    install: str | None = None
-    problem: str | None = None
+    @property
+    def install(self) -> str | None:
+        """The command that installs what is missing, or None."""
+        wanted = {*self.requires, *(module for _, module in self.suffix_requires)}
+        missing = sorted(module for module in wanted if not _is_installed(module))
+        packages = f'"{self.extra}"' if self.extra else " ".join(missing)
+        return f"pip install {packages}" if missing else None
 
     @property
     def state(self) -> str:
-        """ "usable", with what single suffixes need besides, or what is in the way."""
+        """ "usable", perhaps with what some suffixes need besides; or what has to be installed or is broken."""
         if self.problem is not None:
             return f"broken: {self.problem}"
         if self.usable and self.install:
             return f"usable; for {' '.join(self.missing_suffixes)}: {self.install}"
         return "usable" if self.usable else str(self.install)
 
-
-def describe(adapter: Adapter) -> AdapterInfo:
-    """What an adapter opens, and what it lacks here."""
-    missing = [module for module in adapter.requires if not _is_there(module)]
-    lacking = [pair for pair in adapter.suffix_requires if not _is_there(pair[1])]
-    closed = adapter.suffixes if missing else tuple(s for s in adapter.suffixes if s in dict(lacking))
-    wanted = sorted({*missing, *(module for _, module in lacking)})
-    line = f'pip install "{adapter.extra}"' if adapter.extra else f"pip install {' '.join(wanted)}"
-    return AdapterInfo(
-        adapter.name,
-        adapter.description,
-        adapter.suffixes,
-        adapter.types,
-        usable=not missing,
-        missing_suffixes=closed,
-        install=line if wanted else None,
-    )
+    def _opener(self) -> Callable[..., Shape]:
+        found: Any = pkgutil.resolve_name(self.opener) if isinstance(self.opener, str) else self.opener
+        assert callable(found), "adapters without open() and opener are refused when they are registered"
+        return found
 
 
-def _is_there(module: str) -> bool:
-    """Whether a module could be imported; it is not."""
-    if module in sys.modules:
-        return sys.modules[module] is not None
-    return importlib.util.find_spec(module) is not None
+def _is_installed(module: str) -> bool:
+    """Whether a module could be imported, without importing it."""
+    return sys.modules[module] is not None if module in sys.modules else importlib.util.find_spec(module) is not None

@@ -1,274 +1,209 @@
-"""The table of adapters: registering, listing, and opening a source with the one that is asked for or chosen."""
+"""The registry of adapters: registering and listing them, and loading a source with the one named or chosen."""
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any
 
-from topokit.errors import AdapterError, InputError, MissingDependencyError, TopokitError
+from topokit.errors import AdapterError, InputError, MissingDependencyError
 from topokit.inputs.files import existing_file
-from topokit.plugins.adapter import Adapter, AdapterAttributes, AdapterInfo, FunctionAdapter, describe
+from topokit.plugins.adapter import Adapter
 from topokit.plugins.choice import choose
-from topokit.plugins.foreign_code import as_adapter, entry_points, imported, opened, option_names, warn_once
+from topokit.plugins.foreign_code import check_adapter, entry_points, import_adapter, open_with, warn_once, warned_about
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
-Target = TypeVar("Target", bound=Callable[..., Any])
-_BUILT_IN = {
-    "mesh": "topokit.adapters.mesh.entry:Mesh",
-    "points": "topokit.adapters.points.entry:Points",
-    "voxels": "topokit.adapters.voxels.entry:Voxels",
-    "sdf": "topokit.adapters.implicit.entry:Sdf",
-    "occupancy": "topokit.adapters.implicit.entry:Occupancy",
-    "splats": "topokit.adapters.splats.entry:Splats",
-    "open3d": "topokit.adapters.open3d.entry:Open3D",
+BUILT_IN = {
+    "mesh": "topokit.adapters.mesh.entry:MESH",
+    "points": "topokit.adapters.points.entry:POINTS",
+    "voxels": "topokit.adapters.voxels.entry:VOXELS",
+    "sdf": "topokit.adapters.implicit.entry:SDF",
+    "occupancy": "topokit.adapters.implicit.entry:OCCUPANCY",
+    "splats": "topokit.adapters.splats.entry:SPLATS",
+    "open3d": "topokit.adapters.open3d.entry:OPEN3D",
 }
-
-
-@dataclass
-class _Entry:
-    """One row: where it comes from, and the adapter once somebody has asked for it, or what is wrong with it."""
-
-    origin: str
-    target: object
-    adapter: Adapter | None = None
-    problem: str | None = None
-
-
-class AdapterTable:
-    """Adapters by name. Those given as strings, and installed plug-ins, are imported on the first look-up."""
-
-    def __init__(self) -> None:
-        self._entries: dict[str, _Entry] = {}
-        self._knows_plugins = False
-
-    def add(self, name: str, target: object, overwrite: bool = False) -> None:
-        """Enter an adapter: a subclass of `Adapter`, an instance, or "package.module:Class".
-
-        What is written in the same place may be entered again, as when a cell of a notebook is run twice.
-
-        Raises:
-            InputError: if the name is taken by something else and `overwrite` is False.
-            AdapterError: if it is no adapter; of a string this is found out on the first look-up.
-        """
-        entry = _Entry(_origin(target), target)
-        if not isinstance(target, str):
-            entry.adapter = as_adapter(target, name)
-        taken = self._entries.get(name)
-        is_again = taken is not None and taken.origin == entry.origin and "<lambda>" not in entry.origin
-        if taken is not None and not is_again and not overwrite:
-            raise InputError(
-                f"adapter {name!r} is registered already, by {taken.origin}; {entry.origin} needs another name, or "
-                "overwrite=True to replace it."
-            )
-        self._entries[name] = entry
-
-    def get(self, name: str) -> Adapter:
-        """The adapter of this name.
-
-        Raises:
-            InputError: if there is none.
-            AdapterError: if it is broken.
-        """
-        if name not in self._entries:
-            self._find_plugins()
-        if name not in self._entries:
-            raise InputError(f"adapter {name!r} is not known. Known: {', '.join(self._entries)}.")
-        entry = self._resolved(name)
-        if entry.adapter is None:
-            raise AdapterError(f"adapter {name!r} ({entry.origin}) is broken: {entry.problem}")
-        return entry.adapter
-
-    def all(self) -> list[Adapter]:
-        """Every adapter that works; a broken one is a warning."""
-        entries = self._all_entries()
-        for name, entry in entries.items():
-            if entry.problem is not None:
-                warn_once(name, f"adapter {name!r} ({entry.origin}) is left out: {entry.problem}")
-        return [entry.adapter for entry in entries.values() if entry.adapter is not None]
-
-    def rows(self) -> tuple[AdapterInfo, ...]:
-        """What `list_adapters` shows."""
-        return tuple(
-            AdapterInfo(name, entry.origin, (), (), usable=False, problem=entry.problem)
-            if entry.adapter is None
-            else describe(entry.adapter)
-            for name, entry in self._all_entries().items()
-        )
-
-    def _all_entries(self) -> dict[str, _Entry]:
-        self._find_plugins()
-        while waiting := [name for name, one in self._entries.items() if one.adapter is None and one.problem is None]:
-            for name in waiting:  # importing one may register others
-                self._resolved(name)
-        return self._entries
-
-    def _find_plugins(self) -> None:
-        if self._knows_plugins:
-            return
-        self._knows_plugins = True
-        for name, target, distribution in entry_points():
-            try:
-                self.add(name, target)
-            except InputError as error:
-                warn_once(f"{name} of {distribution}", f"A plug-in of {distribution} is left out: {error}")
-
-    def _resolved(self, name: str) -> _Entry:
-        entry = self._entries[name]
-        if entry.adapter is None and entry.problem is None:
-            try:
-                found = imported(entry.target) if isinstance(entry.target, str) else entry.target
-                entry.adapter = as_adapter(found, name)
-            except TopokitError as error:
-                entry.problem = str(error)
-            self._entries[name] = entry  # importing it may have registered it a second time
-        return entry
-
-
-def _origin(target: object) -> str:
-    """Where a target is written, as "package.module:name"."""
-    if isinstance(target, FunctionAdapter):
-        target = target.opener
-    if isinstance(target, str):
-        return target
-    named = target if hasattr(target, "__qualname__") else type(target)
-    return f"{named.__module__}:{named.__qualname__}"
-
-
-_TABLE = AdapterTable()
-
-
-@overload
-def register_adapter(name: type[Adapter]) -> type[Adapter]: ...
-@overload
-def register_adapter(
-    name: str,
-    target: str | type[Adapter] | Callable[..., Shape],
-    *,
-    overwrite: bool = False,
-    **attributes: Unpack[AdapterAttributes],
-) -> None: ...
-@overload
-def register_adapter(
-    name: str | None = None, *, overwrite: bool = False, **attributes: Unpack[AdapterAttributes]
-) -> Callable[[Target], Target]: ...
+_registered: dict[str, str | Adapter] = dict(BUILT_IN)  # an adapter, or where to import it from
 
 
 def register_adapter(
     name: str | type[Adapter] | None = None,
-    target: str | Callable[..., Any] | None = None,
+    target: Any = None,
     *,
     overwrite: bool = False,
-    **attributes: Unpack[AdapterAttributes],
+    **attributes: Any,
 ) -> Any:
-    """Make an adapter known to `load`, to the command line and to `list_adapters`, in this process.
+    """Make an adapter known to `load` and `list_adapters` in this process.
 
-    Installed packages rather declare theirs as an entry point of the group "topokit.adapters", and need no call.
+    An installed package needs no call: it declares an entry point of the group "topokit.adapters" (see `Adapter`).
 
-        @register_adapter                                                    # a subclass of Adapter
+        @register_adapter                                                     # a subclass of Adapter
         @register_adapter("blobs", suffixes=(".blob",), description="blobs")  # a function (path, **options) -> Shape
-        register_adapter("blobs", "package.module:Class")                    # imported on the first look-up
+        register_adapter("blobs", "package.module:Class")                     # imported on the first look-up
         register_adapter("blobs", "package.module:function", suffixes=(".blob",), description="blobs")
 
     Args:
-        name: its name; left out for a class, which has one.
-        target: a class, a function, or where to find it, as "package.module:name"; left out in a decorator.
+        name: unique name; a class has its own, and is given instead of it.
+        target: a class, a function, or its name as "package.module:name"; left out in a decorator.
         overwrite: whether to replace an adapter of the same name.
-        attributes: of a function, those of `Adapter` (`description`, `suffixes`, `types`, `extra`, `requires`,
+        attributes: of a function: those of `Adapter` (`description`, `suffixes`, `types`, `extra`, `requires`,
             `priority`, ...) and `can_open`, a function of the path. A class has its own.
 
+    Returns:
+        The target; a decorator if there is none.
+
     Raises:
-        InputError: if the name is taken, or attributes are given beside a class.
-        AdapterError: if the target is no adapter.
+        InputError: if the name is taken, or attributes are unknown or given beside a class.
+        AdapterError: if the target is no adapter; of a name "package.module:name" this shows on the first look-up.
     """
-    if name is not None and not isinstance(name, str):
-        register_adapter(None, overwrite=overwrite)(name)
-        return name
-
-    def register(target: Target) -> Target:
-        _register(name, target, overwrite, attributes)
-        return target
-
-    return register if target is None else _register(name, target, overwrite, attributes)
-
-
-def _register(
-    name: str | None, target: str | Callable[..., Any], overwrite: bool, attributes: AdapterAttributes
-) -> None:
+    if isinstance(name, type):
+        name, target = None, name
+    if target is None:
+        return lambda decorated: register_adapter(name, decorated, overwrite=overwrite, **attributes)
     is_class = isinstance(target, type)
     if is_class and attributes:
         raise InputError(f"{_origin(target)} is a class: {', '.join(attributes)} must be attributes of it.")
     called = name or getattr(target, "name", None)
     if not isinstance(called, str):
         raise InputError(f'{_origin(target)} needs a name: register_adapter("name", ...).')
-    is_function = not is_class and (bool(attributes) or not isinstance(target, str))
-    _TABLE.add(called, FunctionAdapter(called, target, attributes) if is_function else target, overwrite)
+    added = target
+    if not is_class and (attributes or not isinstance(target, str | Adapter)):
+        description = (getattr(target, "__doc__", None) or called).strip().splitlines()[0]
+        added = Adapter(**{"name": called, "opener": target, "description": description, "suffixes": (), **attributes})
+    if not isinstance(added, str):
+        added = check_adapter(added, called)
+    taken = _targets().get(called, added)
+    old, new = _origin(taken), _origin(added)
+    is_again = taken is added or (old == new and "<lambda>" not in new)  # as in a notebook cell that is run twice
+    if not is_again and not overwrite:
+        raise InputError(
+            f"adapter {called!r} is registered already, by {old}; {new} needs another name, or overwrite=True to "
+            "replace it."
+        )
+    _registered[called] = added
+    return target
 
 
-def list_adapters() -> tuple[AdapterInfo, ...]:
-    """Every adapter there is: name, description, suffixes, types, whether it is usable, and what to install if not.
+def list_adapters() -> tuple[Adapter, ...]:
+    """Every adapter: what it opens, whether it is `usable`, and what to `install` if not.
 
     Built-in ones come first, then those registered in this process and those of installed plug-ins. A plug-in that
-    cannot be imported is listed with its problem. Neither torch nor any reader is imported for this.
+    cannot be imported is listed with its `problem`. Neither torch nor any reader is imported for this.
 
     Example:
         >>> import topokit as tk
         >>> [adapter.name for adapter in tk.list_adapters()][:2]
         ['mesh', 'points']
     """
-    return _TABLE.rows()
+    return tuple(_adapters())
+
+
+def refresh_adapters() -> None:
+    """Look for installed plug-ins again, and retry broken ones: after a `pip install` in a running process."""
+    importlib.invalidate_caches()
+    _plugins.cache_clear()
+    _resolve.cache_clear()
+    warned_about.clear()
 
 
 def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
-    """Open a file, a folder or an object with the adapter that its content, or failing that its suffix, asks for.
+    """Open a file, a folder or an object with the adapter that fits its content or suffix.
+
+    Adapters that recognize the content come first, else those with the file's suffix; of these the one with the longest
+    matching suffix, then the highest priority. Objects are opened by the adapter that names their class.
 
     Args:
         source: path of a file, or of a folder such as an unzipped .sog; or an object of one of the types that
             `list_adapters` names, such as a `trimesh.Trimesh`.
-        adapter: name of the adapter ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that of a
-            plug-in) that settles the choice. How it is made otherwise is told in docs/adapters.md.
-        options: handed on to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see its docstring.
+        adapter: name of the adapter to use ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that
+            of a plug-in) instead.
+        options: passed to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see the docstring of
+            `topokit.from_mesh` and its siblings.
+
+    Returns:
+        A `Shape`, which has the file's name unless a plug-in named it.
 
     Raises:
         ReadError: if the file is missing or malformed.
         UnknownFormatError: if neither content nor suffix is known.
-        MissingDependencyError: if it is known, but something must be installed first.
+        MissingDependencyError: if it is known, but a package must be installed first.
         InputError: if `adapter` is not known, if several adapters match, if an option does not exist, or if objects of
             this type are not opened.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
-    chosen = adapter_for(source, adapter)
-    known = option_names(chosen)
-    if known is not None and (wrong := sorted(set(options) - known - {"n_neighbors"})):
-        raise InputError(
-            f"adapter {chosen.name!r} has no option {', '.join(map(repr, wrong))}. "
-            f"It has: {', '.join(sorted({*known, 'n_neighbors'}))}."
-        )
-    return opened(chosen, _as_path(source), options)
+    from topokit.shape_data import UNNAMED
 
-
-def load_with(source: Any, offered: Mapping[str, Any]) -> Shape:
-    """`load` with those of the options that the chosen adapter takes: a cloud is not sampled, so it takes no seed."""
-    chosen = adapter_for(source)
-    known = option_names(chosen)
-    taken = {name: value for name, value in offered.items() if known is None or name in {*known, "n_neighbors"}}
-    return opened(chosen, _as_path(source), taken)
+    source = _as_path(source)
+    shape = open_with(adapter_for(source, adapter), source, options)
+    # A plug-in may return what a built-in adapter made of an object, which is then called "mesh", "sdf", ...
+    is_named = shape.name not in {UNNAMED, *BUILT_IN}
+    return shape if is_named or not isinstance(source, Path) else shape.replace(name=source.name)
 
 
 def adapter_for(source: Any, name: str | None = None) -> Adapter:
-    """The adapter that `load` opens a source with; arguments and errors are its."""
-    source = _as_path(source)
+    """The adapter that `load` opens a source with; same arguments and errors."""
     if name is None:
-        return choose(_TABLE.all(), source)
-    found = _TABLE.get(name)
-    info = describe(found)
-    if not info.usable:
-        raise MissingDependencyError(f"adapter {name!r} is not usable yet: {info.install}")
+        for found in _adapters():
+            if found.problem is not None:
+                warn_once(found.name, f"adapter {found.name!r} ({found.description}) is left out: {found.problem}")
+        return choose([found for found in _adapters() if found.problem is None], _as_path(source))
+    targets = _targets()
+    if name not in targets:
+        raise InputError(f"adapter {name!r} is not known. Known: {', '.join(targets)}.")
+    found = _resolve(name, targets[name])
+    if found.problem is not None:
+        raise AdapterError(f"adapter {name!r} ({found.description}) is broken: {found.problem}")
+    if not found.usable:
+        raise MissingDependencyError(f"adapter {name!r} is not usable yet: {found.install}")
     return found
+
+
+@cache
+def _plugins() -> dict[str, str]:
+    """Installed plug-ins by name; one whose name is taken is left out with a warning."""
+    found: dict[str, str] = {}
+    for name, target, distribution in entry_points():
+        taken = _origin({**found, **_registered}.get(name, target))
+        if taken == target:
+            found[name] = target
+        else:
+            why = f"adapter {name!r} is registered already, by {taken}; {target} needs another name."
+            warn_once(f"{name} of {distribution}", f"A plug-in of {distribution} is left out: {why}")
+    return found
+
+
+def _targets() -> dict[str, str | Adapter]:
+    """Every adapter by name, as it was registered: built-in ones first, installed plug-ins last."""
+    return _registered | _plugins() | _registered
+
+
+@cache
+def _resolve(name: str, target: str | Adapter) -> Adapter:
+    """The adapter, imported if need be; in place of a broken one a row that says what is wrong with it."""
+    try:
+        return import_adapter(target, name) if isinstance(target, str) else target
+    except AdapterError as error:
+        return Adapter(name=name, description=_origin(target), suffixes=(), problem=str(error))
+
+
+def _adapters() -> list[Adapter]:
+    found: dict[str, Adapter] = {}
+    while waiting := [name for name in _targets() if name not in found]:  # importing one may register others
+        found |= {name: _resolve(name, _targets()[name]) for name in waiting}
+    return list(found.values())
+
+
+def _origin(target: Any) -> str:
+    """Where a target is written, as "package.module:name"."""
+    if type(target) is Adapter:
+        target = target.opener
+    if isinstance(target, str):
+        return target
+    named = target if hasattr(target, "__qualname__") else type(target)
+    return f"{named.__module__}:{named.__qualname__}"
 
 
 def _as_path(source: Any) -> Any:
@@ -277,7 +212,3 @@ def _as_path(source: Any) -> Any:
         return source
     path = Path(source)
     return path if path.is_dir() else existing_file(path)
-
-
-for _name, _target in _BUILT_IN.items():
-    register_adapter(_name, _target)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from topokit.core.components import Corner, SurfaceComponent
-from topokit.core.implicit.convergence import SettledCount
+from topokit.core.components import Corner, CountedComponents
+from topokit.core.implicit.convergence import ConvergenceStudy
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import function_verdict
 
 
 def function_answer(
-    found: SettledCount,
-    components: tuple[SurfaceComponent, ...],
+    found: ConvergenceStudy,
+    components: CountedComponents,
     low: Corner,
     high: Corner,
     seconds: float,
@@ -24,9 +24,9 @@ def function_answer(
         high: highest corner of the box.
         seconds: time the counts took.
     """
-    faces = _face_names(found.faces, low, high)
-    adds_up = sum(one.euler or 0 for one in components) == found.euler
-    verdict = function_verdict(found.is_settled, reaches_box=bool(faces), adds_up=adds_up)
+    faces = _face_names(found.reached_faces, low, high)
+    adds_up = components.euler.sum() == found.euler
+    verdict = function_verdict(found.has_converged, reaches_box=bool(faces), adds_up=adds_up)
     finest = found.counts[-1]
     return CountedAnswer(
         evidence=Evidence(
@@ -53,7 +53,7 @@ def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner)
     ]
 
 
-def _reasons(found: SettledCount, faces: list[str], likely: bool) -> tuple[str, ...]:
+def _reasons(found: ConvergenceStudy, faces: list[str], likely: bool) -> tuple[str, ...]:
     counts = found.counts
     lines = [f"Surface χ by counting on grids: {'; '.join(str(count) for count in counts)}."]
     if faces:
@@ -61,21 +61,23 @@ def _reasons(found: SettledCount, faces: list[str], likely: bool) -> tuple[str, 
             f"The zero set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
             "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
         )
-    if found.is_settled:
+    if found.has_converged:
         lines.append(
             f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
             "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
             f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
         )
     else:
-        seen = sorted({value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.moved))
+        seen = sorted(
+            {value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.shifted_eulers)
+        )
         lines.append(
             f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
             "those with the level moved by up to a tenth of a cell's change included; features near "
             f"{counts[-1].step:.3g} decide."
         )
-    if not likely and found.is_settled and not faces:
+    if not likely and found.has_converged and not faces:
         lines.append("The surfaces of the grid that is kept do not add up to that integer.")
-    share = found.n_evaluations / found.n_points
+    share = found.n_evaluations / found.n_vertices
     lines.append(f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.")
     return tuple(lines)

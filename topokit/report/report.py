@@ -1,14 +1,19 @@
-"""What topokit answers: a report with its evidence, a verdict that never claims what it does not know, and reasons."""
+"""TopologyReport: the topology of a surface, a verdict, reasons and evidence."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from topokit.core.components import SurfaceComponent
+from topokit.core.components import CountedComponents, SurfaceComponent
+from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError
 from topokit.report.verdict import Verdict
+from topokit.report.wording import plural
+
+Betti = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -30,21 +35,21 @@ class Evidence:
 
 @dataclass(frozen=True)
 class CountedAnswer:
-    """A combinatorial answer that an adapter brings along.
+    """An integer found by counting cells, as an adapter provides it.
 
     Attributes:
-        evidence: where it comes from.
-        components: the surface's connected components.
+        evidence: the count.
+        components: the surface's connected components, largest area first.
         closed: whether the surface is a closed manifold.
-        boundary_loops: closed boundary curves in all, or None if they were not counted.
-        verdict: what the answer may be called.
-        reasons: plain sentences.
-        resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
-        further: other witnesses that were heard.
+        boundary_loops: number of boundary loops, or None if they were not counted.
+        verdict: how far the answer may be believed.
+        reasons: sentences with their numbers.
+        resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.
+        further: additional evidence.
     """
 
     evidence: Evidence
-    components: tuple[SurfaceComponent, ...]
+    components: CountedComponents
     closed: bool
     boundary_loops: int | None
     verdict: Verdict
@@ -55,24 +60,26 @@ class CountedAnswer:
 
 @dataclass(frozen=True)
 class TopologyReport:
-    """The topology of a surface, and how far it may be believed.
+    """The topology of a surface and how far it may be believed.
 
     Attributes:
         name: what was examined.
         euler: Euler characteristic χ of the surface, summed over components: the best integer there is, whatever the
-            verdict. None only if there is nothing to go by.
-        genus: handles summed over components, or None where that has no meaning or is not known.
+            verdict; None only if nothing is known.
+        genus: handles summed over components, g = (2c − b − χ)/2, or None where it is undefined or unknown.
         components: connected components of the surface (a hollow ball has two).
-        cavities: components that bound a hole inside a solid, or None if that is not known.
-        betti: (b0, b1, b2) = (c, 2g, c) of a closed surface, else None.
-        boundary_loops: closed boundary curves, or None if they were not counted.
-        closed: whether the surface is (or, for samples, looks) closed.
-        verdict: "certain" is proven by combinatorics; "likely" means that independent witnesses agree; "unsure" means
-            that they do not, that there is only one, or that the surface is open.
-        reasons: plain sentences with their numbers.
-        evidence: every witness that was heard.
-        estimate: the raw Gauss–Bonnet estimate χ⁽⁰⁾, or None if the samples are too few.
-        refined: the self-optimised χ⁽ᴷ⁾, or None if it was not computed.
+        cavities: components that bound a hole inside a solid, or None if unknown.
+        surface_betti: Betti numbers (c, 2g, c) of a closed surface, else None.
+        solid_betti: Betti numbers (components, tunnels, cavities) of the solid that a closed surface bounds, else None.
+        boundary_loops: number of boundary loops, or None if they were not counted.
+        closed: whether the surface is closed, as far as its samples show.
+        verdict: "certain" is proven by counting; "likely" means that independent evidence agrees; "unsure" means that
+            it does not, that there is too little of it, or that the surface is open.
+        reasons: sentences with their numbers; those that decided an "unsure" come first.
+        evidence: all evidence.
+        estimate: the Gauss–Bonnet estimate χ⁽⁰⁾, or None if it was not computed.
+        refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
+        solid: the solid that a mesh encloses by winding number, or None if it was not computed.
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
     """
@@ -82,7 +89,8 @@ class TopologyReport:
     genus: int | None
     components: int
     cavities: int | None
-    betti: tuple[int, int, int] | None
+    surface_betti: Betti | None
+    solid_betti: Betti | None
     boundary_loops: int | None
     closed: bool
     verdict: Verdict
@@ -90,14 +98,16 @@ class TopologyReport:
     evidence: tuple[Evidence, ...]
     estimate: float | None
     refined: float | None
+    solid: EnclosedSolid | None
     resolution: float | None
-    per_component: tuple[SurfaceComponent, ...]
+    per_component: Sequence[SurfaceComponent]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain dicts, lists, numbers and strings, ready for JSON. NaN never occurs."""
+        """Plain dictionaries, lists, numbers and strings, ready for JSON; no NaN."""
         result: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         for key in ("evidence", "per_component"):
-            result[key] = [{f.name: getattr(one, f.name) for f in fields(one)} for one in result[key]]
+            result[key] = [_plain(one) for one in result[key]]
+        result["solid"] = None if self.solid is None else _plain(self.solid)
         return result
 
     def to_json(self, indent: int | None = None) -> str:
@@ -106,39 +116,31 @@ class TopologyReport:
 
     def __str__(self) -> str:
         answer = "unknown" if self.euler is None else str(self.euler)
-        head = f"{self.name}: Euler characteristic {answer} ({self.verdict})"
+        parts = [f"{self.name}: Euler characteristic {answer} ({self.verdict})"]
         if self.genus is not None:
-            head += f", genus {self.genus}"
-        head += f", {self.components} component{'s' if self.components != 1 else ''}"
-        head += ", closed" if self.closed else ", not closed"
-        return "\n".join([head, *(f"  - {reason}" for reason in self.reasons)])
+            parts.append(f"genus {self.genus}")
+        parts.append(plural(self.components, "component"))
+        parts.append("closed" if self.closed else "not closed")
+        if self.solid_betti is not None and self.cavities:
+            solids, tunnels, cavities = self.solid_betti
+            parts.append(
+                f"bounding a solid of {plural(solids, 'component')} with {plural(tunnels, 'tunnel')} and "
+                f"{plural(cavities, 'cavity', 'cavities')}"
+            )
+        return "\n".join([", ".join(parts), *(f"  - {reason}" for reason in self.reasons)])
+
+
+def _plain(record: Any) -> dict[str, Any]:
+    return {field.name: getattr(record, field.name) for field in fields(record)}
 
 
 def known_genus(report: TopologyReport) -> int:
     """The report's genus.
 
     Raises:
-        GenusError: if it has none; the message holds the report's reasons.
+        GenusError: if it is undefined or unknown; the message holds the report's reasons.
     """
     if report.genus is None:
         why = " ".join(report.reasons) or "Nothing is known about it."
-        raise GenusError(f"{report.name} has no genus that topokit can vouch for. {why}")
+        raise GenusError(f"{report.name}: genus is undefined or unknown. {why}")
     return report.genus
-
-
-def betti_numbers(components: tuple[SurfaceComponent, ...], closed: bool) -> tuple[int, int, int] | None:
-    """(c, 2g, c) of a closed orientable surface, else None."""
-    handles = sum_genus(components)
-    return (len(components), 2 * handles, len(components)) if closed and handles is not None else None
-
-
-def sum_genus(components: tuple[SurfaceComponent, ...]) -> int | None:
-    """Genus summed over components, None if any is unknown."""
-    genera = [component.genus for component in components if component.genus is not None]
-    return sum(genera) if len(genera) == len(components) else None
-
-
-def count_cavities(components: tuple[SurfaceComponent, ...]) -> int | None:
-    """Components at odd nesting depth, None if any depth is unknown."""
-    depths = [component.depth for component in components if component.depth is not None]
-    return sum(depth % 2 for depth in depths) if len(depths) == len(components) else None

@@ -1,10 +1,96 @@
-"""How far an answer may be believed: one rule per kind of evidence, and every threshold that decides."""
+"""How far an answer may be believed: one rule per kind of evidence, and a table of every threshold."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
+from topokit.core.cloud.votes import values_of
+from topokit.core.cloud.witness import Witness
+from topokit.core.local.boundary import BoundaryEstimate
+
 Verdict = Literal["certain", "likely", "unsure"]
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """One limit.
+
+    Attributes:
+        value: the limit.
+        unit: its unit.
+        meaning: what is compared with it.
+        source: the experiment or argument it comes from.
+    """
+
+    value: float
+    unit: str
+    meaning: str
+    source: str
+
+
+_ONE_DRAW = (
+    "set so that at least 95 % of the likely answers are right on one draw (seed 0) of 10 000 points from each of 47 "
+    "clean meshes, oriented, unoriented and noisy; checked on a second draw (docs/accuracy.md)"
+)
+_ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and without holes, 1 000 to 10 000 points"
+
+THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
+    {
+        "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
+        "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
+        "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
+        "crowded": Threshold(
+            0.009, "share of samples", "samples with an opposite sheet within 1.5 spacings, at most", _ONE_DRAW
+        ),
+        "crowded_wide": Threshold(
+            0.0175, "share of samples", "samples with an opposite sheet within 2.5 spacings, at most", _ONE_DRAW
+        ),
+        "coverage": Threshold(0.6, "share of samples", "samples on the surface that was found, at least", _ONE_DRAW),
+        "disagreement": Threshold(
+            0.06, "share of neighbor pairs", "neighboring normals that oppose each other, at most", _ONE_DRAW
+        ),
+        "confirmed": Threshold(0.9, "share of normals", "given normals that the points confirm, at least", _ONE_DRAW),
+        "rim": Threshold(
+            0.05,
+            "share of samples",
+            "samples with neighbors on one side only, at most; closed surfaces sampled at random stay below 0.01",
+            _ANALYTIC + "; scan lines on a sphere exceed it",
+        ),
+        "open_length": Threshold(
+            60,
+            "sample spacings",
+            "boundary length from which a cloud is an open sheet, not a solid with gaps",
+            _ANALYTIC,
+        ),
+        "open_crowded": Threshold(
+            0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW
+        ),
+        "overlap": Threshold(
+            0.04,
+            "share of area",
+            "area of a closed mesh off the solid it encloses from which it is reported to overlap itself",
+            "largest value among 48 closed meshes without self-intersections, rounded up",
+        ),
+    }
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One condition of a verdict.
+
+    Attributes:
+        name: what was compared.
+        value: the measured number.
+        passed: whether it is within the limit.
+    """
+
+    name: str
+    value: float
+    passed: bool
 
 
 def mesh_verdict(is_closed: bool, exact_vertices: bool) -> Verdict:
@@ -28,3 +114,64 @@ def function_verdict(is_converged: bool, *, reaches_box: bool, adds_up: bool) ->
         adds_up: whether the surfaces of the grid that was kept sum to the integer.
     """
     return "likely" if is_converged and adds_up and not reaches_box else "unsure"
+
+
+def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
+    """A closed cloud is likely if every check passes: both families of votes agree and the sampling supports them."""
+    return "likely" if all(check.passed for check in checks) else "unsure"
+
+
+def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, ...]:
+    """The conditions under which the integer of a closed cloud is likely."""
+    euler, quality = witness.euler, witness.quality
+    cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut")]
+    n_fields = values_of(witness.votes, "field").count(euler)
+    original, smoothed = (values_of(witness.votes, family)[0] for family in ("cut", "smooth cut"))
+    checks = [
+        _at_least("cuts", sum(cuts) / len(cuts)),
+        _at_least("fields", n_fields),
+        Check("smoothing", float(smoothed), original == smoothed == euler),
+        _at_least("agreement", witness.agreement),
+        _at_most("crowded", quality.crowded),
+        _at_most("crowded_wide", quality.crowded_wide),
+        _at_least("coverage", quality.coverage),
+        _at_most("disagreement", quality.disagreement),
+        _at_most("rim", boundary.rim_share),
+        Check("genus", float(witness.components + witness.cavities - euler / 2), has_genus(witness)),
+    ]
+    if witness.signs.source == "contradictory":
+        checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False))
+    elif witness.signs.confirmed is not None:
+        checks.append(_at_least("confirmed", witness.signs.confirmed))
+    if witness.smoothed is not None:
+        checks.append(Check("second look", witness.smoothed.agreement, False))
+    return tuple(checks)
+
+
+def has_genus(witness: Witness) -> bool:
+    """Whether the integer fits the number of surfaces: a genus cannot be negative."""
+    return witness.euler <= 2 * (witness.components + witness.cavities)
+
+
+def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
+    """Whether samples with a boundary are an open surface rather than a solid with gaps.
+
+    The boundary is long and no opposite sheet is close; or no solid was found at all.
+    """
+    if witness is None:
+        return True
+    is_crowded = witness.quality.crowded > THRESHOLDS["open_crowded"].value
+    return not is_crowded and boundary.length > THRESHOLDS["open_length"].value * boundary.spacing
+
+
+def overlaps(off_level: float) -> bool:
+    """Whether a closed mesh intersects or overlaps itself, by the share of its area off the solid it encloses."""
+    return off_level > THRESHOLDS["overlap"].value
+
+
+def _at_least(name: str, value: float) -> Check:
+    return Check(name, value, value >= THRESHOLDS[name].value)
+
+
+def _at_most(name: str, value: float) -> Check:
+    return Check(name, value, value <= THRESHOLDS[name].value)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from topokit.core.components import SurfaceComponent
+from topokit.core.components import CountedComponents
+from topokit.core.grid.euler import dual_connectivity
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import volume_verdict
 from topokit.report.wording import plural
@@ -12,7 +13,7 @@ from topokit.report.wording import plural
 
 def volume_answer(
     inside: Tensor,
-    components: tuple[SurfaceComponent, ...],
+    components: CountedComponents,
     connectivity: int,
     euler: int,
     other_euler: int,
@@ -28,16 +29,14 @@ def volume_answer(
         other_euler: χ of the surface with the other connectivity.
         seconds: time the count took.
     """
-    solids = sum(1 for one in components if one.depth is not None and one.depth % 2 == 0)
+    dual = dual_connectivity(connectivity)
     reasons = [
-        f"χ = {euler} is exact with {connectivity}-connected foreground and {32 - connectivity}-connected background: "
-        f"{int(inside.sum())} voxels in {plural(solids, 'component')}, bounded by "
+        f"χ = {euler} is exact with {connectivity}-connected foreground and {dual}-connected background: "
+        f"{int(inside.sum())} voxels in {plural(len(components) - components.cavities, 'component')}, bounded by "
         f"{plural(len(components), 'closed surface')}."
     ]
     if other_euler != euler:
-        reasons.append(
-            f"With {32 - connectivity}-connected foreground χ would be {other_euler}: the volume itself is ambiguous."
-        )
+        reasons.append(f"With {dual}-connected foreground χ would be {other_euler}: the volume itself is ambiguous.")
     touched = _touched_faces(inside)
     if touched:
         reasons.append(

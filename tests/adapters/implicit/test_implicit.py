@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 from torch import Tensor, nn
 
 import topokit as tk
-from topokit.adapters.implicit.surface import analytic_curvature
-from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.field import Field
-from topokit.core.implicit.adaptive_grid import dense_grid, refine
-from topokit.core.implicit.level_set import ImplicitPoint, area_weighted_starts, implicit_curvature, project
+from topokit.core.grid.euler import smoothed_euler, solid_euler
+from topokit.core.grid.grid import Grid
+from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, dense_field, refine_grid
+from topokit.core.implicit.convergence import convergence_study
+from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, project
 from topokit.core.local.curvature import surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.samples import SurfaceSamples
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-ROUGH = {"resolution": 128, "n_samples": 2000, "field_resolution": 32}
+ROUGH: dict[str, Any] = {"resolution": 128, "n_samples": 2000, "field_resolution": 32}
+
+Function = Callable[[Tensor], Tensor]
 
 
 def torus(x: Tensor, major: float = 0.6, minor: float = 0.25) -> Tensor:
@@ -67,60 +73,82 @@ def network(activation: nn.Module, dtype: torch.dtype = torch.float64, width: in
         (lambda x: torch.minimum(ball(x - 0.5, 0.3), ball(x + 0.5, 0.3)), 4, 0),
     ],
 )
-def test_integer_of_functions_that_are_no_distances(f, euler, genus):
-    report = tk.from_sdf(f, BOX, **ROUGH).report()
+def test_integer_of_functions_that_are_no_distances(f: Function, euler: int, genus: int) -> None:
+    report = tk.from_sdf(f, bounds=BOX, **ROUGH).report()
     assert (report.euler, report.genus, report.verdict, report.closed) == (euler, genus, "likely", True)
     assert report.resolution == pytest.approx(2 * 2 / 64)
     assert report.components == len(report.per_component)
 
 
-def test_hollow_ball_has_a_cavity():
-    report = tk.from_sdf(lambda x: (x.norm(dim=1) - 0.6).abs() - 0.2, BOX, **ROUGH).report()
-    assert (report.components, report.cavities, report.betti) == (2, 1, (2, 0, 2))
+def test_hollow_ball_has_a_cavity() -> None:
+    report = tk.from_sdf(lambda x: (x.norm(dim=1) - 0.6).abs() - 0.2, bounds=BOX, **ROUGH).report()
+    assert (report.components, report.cavities, report.surface_betti) == (2, 1, (2, 0, 2))
 
 
-def test_occupancy_is_the_other_way_round():
-    shape = tk.from_occupancy(lambda x: torch.sigmoid(-20 * torus(x)), 0.5, BOX, **ROUGH)
+def test_occupancy_is_the_other_way_round() -> None:
+    shape = tk.from_occupancy(lambda x: torch.sigmoid(-20 * torus(x)), bounds=BOX, **ROUGH)
     assert shape.report().euler == 0
     outward = (shape.samples.normals * shape.samples.points).sum(1)
     assert float(outward.mean()) > 0.1
 
 
-def test_hard_occupancy_without_a_gradient():
-    shape = tk.from_occupancy(lambda x: (x.norm(dim=1) < 0.5).float(), 0.5, BOX, **ROUGH)
+def test_hard_occupancy_without_a_gradient() -> None:
+    shape = tk.from_occupancy(lambda x: (x.norm(dim=1) < 0.5).float(), bounds=BOX, **ROUGH)
     assert shape.report().euler == 2
     assert float((shape.samples.points.norm(dim=1) - 0.5).abs().max()) < 1e-5
 
 
-def test_only_a_part_of_the_grid_is_evaluated_and_nothing_changes():
+def refined_and_full(f: Evaluate, n_cells: int) -> tuple[AdaptiveField, AdaptiveField]:
+    """Two refinements of a grid, and the grid of the same step evaluated at every vertex."""
+    coarse = dense_field(f, Grid.covering(*BOX, n_cells))
+    return refine_grid(refine_grid(coarse, f), f), dense_field(f, Grid.covering(*BOX, 4 * n_cells))
+
+
+def test_only_a_part_of_the_grid_is_evaluated_and_nothing_changes() -> None:
     def bumpy(x: Tensor) -> Tensor:
         return -(torus(x) + 0.05 * torch.sin(9 * x).prod(dim=1)) * 70
 
-    sparse = refine(refine(dense_grid(bumpy, *BOX, 32), bumpy), bumpy)
-    full = dense_grid(bumpy, *BOX, 128)
+    sparse, full = refined_and_full(bumpy, 32)
     assert sparse.n_evaluations < 0.35 * sparse.values.numel()
     assert bool(((sparse.values > 0) == (full.values > 0)).all())
 
 
-def test_surface_is_followed_out_of_the_cells_that_looked_near():
+def test_surface_is_followed_out_of_the_cells_that_looked_near() -> None:
     def spike(x: Tensor) -> Tensor:  # thinner than the coarse step, but joined to what is seen
         return -torch.minimum(ball(x, 0.4), torch.maximum(x[:, 1:].norm(dim=1) - 0.02, (x[:, 0] - 0.7).abs() - 0.3))
 
-    sparse = refine(refine(dense_grid(spike, *BOX, 16), spike), spike)
-    full = dense_grid(spike, *BOX, 64)
+    sparse, full = refined_and_full(spike, 16)
     assert int(solid_euler(sparse.values)) == int(solid_euler(full.values)) == 1
 
 
-def test_disagreement_ends_unsure_with_the_values():
+def test_disagreement_ends_unsure_with_the_values() -> None:
     def foam(x: Tensor) -> Tensor:  # bubbles about as large as a cell of the finest grid
         return ball(x, 0.4) + 0.2 * torch.sin(150 * x).prod(dim=1)
 
-    report = tk.from_sdf(foam, BOX, **ROUGH).report()
+    report = tk.from_sdf(foam, bounds=BOX, **ROUGH).report()
     assert report.verdict == "unsure"
     assert any("not settled" in reason for reason in report.reasons)
 
 
-def test_trained_torus():
+def test_convergence_needs_agreement_of_grids_connectivities_and_shifted_levels() -> None:
+    def study(f: Evaluate) -> Any:
+        return convergence_study(dense_field(f, Grid.covering(*BOX, 16)), f, 64)
+
+    clear = study(lambda x: -torus(x))
+    assert [count.n_cells for count in clear.counts] == [16, 32, 64]
+    assert [(count.euler_26, count.euler_6) for count in clear.counts] == [(0, 0)] * 3
+    assert (clear.euler, clear.has_converged, set(clear.shifted_eulers)) == (0, True, {0})
+    assert (clear.field.grid.n_cells, clear.n_vertices) == (16, 65**3)
+
+    def grazing(x: Tensor) -> Tensor:  # a second ball, whose top is a fiftieth of a cell above the level
+        return torch.maximum(0.4 - x.norm(dim=1), 0.02 / 32 - (x - 0.75).norm(dim=1))
+
+    barely = study(grazing)
+    assert [(count.euler_26, count.euler_6) for count in barely.counts] == [(4, 4)] * 3
+    assert (barely.euler, barely.has_converged, set(barely.shifted_eulers)) == (4, False, {2, 4})
+
+
+def test_trained_torus() -> None:
     torch.manual_seed(0)
     net = nn.Sequential(nn.Linear(3, 64), nn.Softplus(20), nn.Linear(64, 64), nn.Softplus(20), nn.Linear(64, 1))
     optimizer = torch.optim.Adam(net.parameters(), 3e-3)
@@ -139,14 +167,14 @@ def test_trained_torus():
 # bounds and messages
 
 
-def test_bounds_grow_with_the_surface():
+def test_bounds_grow_with_the_surface() -> None:
     report = tk.from_sdf(lambda x: ball(x, 5.0), **ROUGH).report()
     assert report.euler == 2
     assert any("[−8, 8]³" in reason for reason in report.reasons)
 
 
-def test_box_that_cuts_the_surface_is_named():
-    report = tk.from_sdf(lambda x: x[:, :2].norm(dim=1) - 0.5, BOX, **ROUGH).report()
+def test_box_that_cuts_the_surface_is_named() -> None:
+    report = tk.from_sdf(lambda x: x[:, :2].norm(dim=1) - 0.5, bounds=BOX, **ROUGH).report()
     assert (report.verdict, report.closed, report.genus is None) == ("unsure", False, False)
     assert any("z = -1, z = 1" in reason and "x = " not in reason for reason in report.reasons)
 
@@ -155,8 +183,8 @@ def test_box_that_cuts_the_surface_is_named():
     ("f", "said"),
     [
         (lambda x: x[:, 0] * 0 + 1, "no level set"),
-        (lambda x: x[:, 0] * 0 - 1, "inside"),
-        (lambda x: 0.5 - x.norm(dim=1), "inverted"),
+        (lambda x: x[:, 0] * 0 - 1, "all of it is inside"),
+        (lambda x: 0.5 - x.norm(dim=1), r"looks inverted.* Use from_occupancy\(f, level=0\)"),
         (lambda x: x, r"shape \(5, 3\)"),
         (lambda x: x.sum(), r"shape \(\)"),
         (lambda x: (x[:, 0] - 0.2).sqrt(), "NaN"),
@@ -165,47 +193,78 @@ def test_box_that_cuts_the_surface_is_named():
         (7, "got int"),
     ],
 )
-def test_each_failure_has_its_own_message(f, said):
+def test_each_failure_has_its_own_message(f: Any, said: str) -> None:
     with pytest.raises(tk.TopokitError, match=said):
-        tk.from_sdf(f, BOX, **ROUGH).report()
+        tk.from_sdf(f, bounds=BOX, **ROUGH).report()
 
 
 @pytest.mark.parametrize("bounds", [((0, 0, 0), (0, 1, 1)), ((0, 0), (1, 1)), "box", ((0, 0, 0), (1, 1, math.inf))])
-def test_bounds_are_checked(bounds):
-    with pytest.raises(tk.TopokitError, match="bounds"):
-        tk.from_sdf(ball, bounds)
+def test_bounds_are_checked(bounds: Any) -> None:
+    with pytest.raises(tk.TopokitError, match=r"^bounds "):
+        tk.from_sdf(ball, bounds=bounds)
 
 
-@pytest.mark.parametrize("numbers", [{"resolution": 64}, {"n_samples": 20}, {"field_resolution": 2}])
-def test_settings_are_checked(numbers):
-    with pytest.raises(tk.TopokitError, match=next(iter(numbers))):
-        tk.from_sdf(ball, BOX, **numbers)
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ({"resolution": 64}, "^resolution is 64; it must be at least 128"),
+        ({"n_samples": 20}, "^n_samples is 20; it must be larger than n_neighbors"),
+        ({"field_resolution": 2}, "^field_resolution is 2; it must be at least 8"),
+        ({"level": "0.5"}, "^level must be a finite number, got '0.5'"),
+        ({"level": math.nan}, "^level must be a finite number, got nan"),
+    ],
+)
+@pytest.mark.parametrize("make", [tk.from_sdf, tk.from_occupancy])
+def test_options_are_checked(make: Callable[..., tk.Shape], option: dict[str, Any], said: str) -> None:
+    with pytest.raises(tk.TopokitError, match=said):
+        make(ball, bounds=BOX, **option)
 
 
-def test_networks_that_answer_differently_each_time_are_refused():
+def test_both_functions_take_the_same_keywords() -> None:
+    sdf, occupancy = (inspect.signature(make).parameters for make in (tk.from_sdf, tk.from_occupancy))
+    assert list(sdf) == list(occupancy)
+    for name in list(sdf)[1:]:
+        assert sdf[name].kind is occupancy[name].kind is inspect.Parameter.KEYWORD_ONLY
+        assert name == "level" or sdf[name].default == occupancy[name].default
+    assert (sdf["level"].default, occupancy["level"].default) == (0.0, 0.5)
+
+
+def test_networks_that_answer_differently_each_time_are_refused() -> None:
     net = nn.Sequential(nn.Linear(3, 8), nn.Dropout(0.5), nn.Linear(8, 1))
     with pytest.raises(tk.TopokitError, match=r"Dropout.*eval"):
         tk.from_sdf(net)
 
 
-def test_progress_is_shown_to_who_waits(monkeypatch, capsys):
-    monkeypatch.setattr("topokit.adapters.implicit.progress._PATIENCE", 0.0)
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    shape = tk.from_sdf(torus, BOX, **ROUGH)
-    shape.report()
-    assert "grid of 128 cells" in capsys.readouterr().err
-    assert shape.field.function.f is torus
+@pytest.mark.parametrize(("is_terminal", "patience"), [(True, 0.0), (True, 1000.0), (False, 0.0)])
+def test_progress_is_shown_on_terminals_after_a_while(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_terminal: bool, patience: float
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr("topokit.adapters.implicit.progress._PATIENCE", patience)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
+    tk.from_sdf(torus, bounds=BOX, **ROUGH).report()
+    assert ("sdf: grid of 128 cells (last: 128)" in capsys.readouterr().err) == (is_terminal and patience == 0)
 
 
-def test_half_precision_is_noted():
-    report = tk.from_sdf(network(nn.Softplus(10), torch.bfloat16), BOX, **ROUGH).report()
+def test_progress_counts_the_points_of_each_grid() -> None:
+    heard: list[tuple[int, int, int]] = []
+    coarse = dense_field(torus, Grid.covering(*BOX, 64))
+    fine = refine_grid(coarse, torus, lambda grid, done, total: heard.append((grid.n_cells, done, total)))
+    assert {n_cells for n_cells, _, _ in heard} == {128}
+    assert sum(done for _, done, total in heard if done == total) == fine.n_evaluations - coarse.n_evaluations
+    assert len(heard) > 1
+
+
+def test_half_precision_is_noted() -> None:
+    report = tk.from_sdf(network(nn.Softplus(10), torch.bfloat16), bounds=BOX, **ROUGH).report()
     assert "bfloat16" in report.reasons[0]
 
 
 # files
 
 
-def test_torchscript_and_export_by_path(tmp_path):
+def test_torchscript_and_export_by_path(tmp_path: Path) -> None:
     net = network(nn.Softplus(10), torch.float32)
     script, export = tmp_path / "net.pt", tmp_path / "net.pt2"
     torch.jit.save(torch.jit.trace(net, torch.rand(4, 3)), script)
@@ -217,7 +276,7 @@ def test_torchscript_and_export_by_path(tmp_path):
 
 
 @pytest.mark.parametrize("save", [torch.save, lambda net, path: path.write_bytes(pickle.dumps(net.state_dict()))])
-def test_pickles_are_refused(tmp_path, save):
+def test_pickles_are_refused(tmp_path: Path, save: Callable[[nn.Module, Path], None]) -> None:
     save(nn.Linear(3, 1), tmp_path / "net.pt")
     for adapter in (None, "occupancy"):
         with pytest.raises(tk.TopokitError, match="pickle"):
@@ -227,8 +286,8 @@ def test_pickles_are_refused(tmp_path, save):
 # samples and curvature
 
 
-def test_samples_are_on_the_surface_and_spread_by_area():
-    shape = tk.from_sdf(lambda x: 100 * torus(x), BOX, n_samples=20_000)
+def test_samples_are_on_the_surface_and_spread_by_area() -> None:
+    shape = tk.from_sdf(lambda x: 100 * torus(x), bounds=BOX, n_samples=20_000)
     points, normals = shape.samples.points, shape.samples.normals
     assert float(torus(points).abs().max()) < 1e-5
     assert float((normals.norm(dim=1) - 1).abs().max()) < 1e-5
@@ -236,35 +295,17 @@ def test_samples_are_on_the_surface_and_spread_by_area():
     assert float(outer) == pytest.approx(0.5 + 0.25 / 0.6 / math.pi, abs=0.01)  # the area's share, exactly
 
 
-def test_starts_measure_area():
+def test_starts_measure_area() -> None:
     x = torch.cartesian_prod(*[torch.linspace(-1, 1, 41, dtype=torch.float64)] * 3)
     values = (0.7 - x.norm(dim=1)).reshape(41, 41, 41)
-    starts, normals = area_weighted_starts(values, 5000, (0.05,) * 3, torch.Generator().manual_seed(0))
-    centred = starts - 1
-    assert float((centred.norm(dim=1) - 0.7).abs().max()) < 0.05  # a step: they are starts
-    assert float((centred.mean(0)).abs().max()) < 0.02
-    assert float((normals * centred).sum(1).min()) > 0.6
+    grid = Grid((41, 41, 41), (0.05,) * 3, (-1.0,) * 3)
+    starts, normals = area_weighted_starts(values, grid, 5000, torch.Generator().manual_seed(0))
+    assert float((starts.norm(dim=1) - 0.7).abs().max()) < 0.05  # a step: they are starts
+    assert float((starts.mean(0)).abs().max()) < 0.02
+    assert float((normals * starts).sum(1).min()) > 0.6
 
 
-def test_hessian_is_a_second_source_of_curvature():
-    shape = tk.from_sdf(lambda x: torus(x.double()) ** 3 + torus(x.double()), BOX, n_samples=20_000)
-    gaussian, mean = analytic_curvature(shape)
-    tube = torch.atan2(shape.samples.points[:, 2], shape.samples.points[:, :2].norm(dim=1) - 0.6)
-    exact = tube.cos() / (0.25 * (0.6 + 0.25 * tube.cos()))
-    assert float((gaussian - exact).abs().max()) < 2e-3
-    local = shape.curvature()
-    assert float((local.gaussian - gaussian).abs().median()) < 0.1
-    assert float((local.mean - mean).abs().median()) < 0.03
-
-
-def test_implicit_curvature_of_a_sphere():
-    at = torch.tensor([[0.3, 0.4, 1.2]], dtype=torch.float64)  # radius 1.3
-    gaussian, mean = implicit_curvature(2 * at, 2 * torch.eye(3, dtype=torch.float64)[None])
-    assert float(gaussian) == pytest.approx(1 / 1.3**2)
-    assert float(mean) == pytest.approx(1 / 1.3)
-
-
-def test_projection_survives_steps_and_kinks():
+def test_projection_survives_steps_and_kinks() -> None:
     def step(x: Tensor) -> tuple[Tensor, Tensor]:
         return (x[:, 0] > 0.1).double() - 0.5, torch.zeros_like(x)
 
@@ -277,14 +318,26 @@ def test_projection_survives_steps_and_kinks():
 # derivatives
 
 
-def test_implicit_point_gradcheck():
+def test_implicit_points_move_against_the_gradient() -> None:
     generator = torch.Generator().manual_seed(0)
     value = torch.zeros(4, dtype=torch.float64, requires_grad=True)
     point, gradient = torch.randn(2, 4, 3, generator=generator, dtype=torch.float64)
-    assert torch.autograd.gradcheck(lambda v: ImplicitPoint.apply(v, point, gradient), (value,))
+    gradient[3] = 0.0  # where the field is flat the point stays
+    point.requires_grad_(True)
+    gradient.requires_grad_(True)
+    moved = implicit_point(value, point, gradient)
+    assert torch.equal(moved, point)
+    slopes = torch.autograd.grad(moved.sum(), (value, point, gradient), allow_unused=True)
+    torch.testing.assert_close(slopes[0][:3], -(gradient.sum(1) / gradient.square().sum(1))[:3].detach())
+    assert (slopes[0][3], slopes[1], slopes[2]) == (0, None, None)
+    assert torch.autograd.gradcheck(
+        lambda v: implicit_point(v, point, gradient), (value,), check_forward_ad=True, check_batched_grad=True
+    )
+    single = torch.func.vmap(lambda v, p, g: implicit_point(v[None], p[None], g[None])[0])(value, point, gradient)
+    torch.testing.assert_close(single, moved)
 
 
-def test_moved_points_follow_the_weights_gradcheck():
+def test_moved_points_follow_the_weights_gradcheck() -> None:
     """Against solving again: the zero on each foot's own normal, after the weights have changed."""
     feet = torch.nn.functional.normalize(torch.randn(6, 3, generator=torch.Generator().manual_seed(1)).double(), dim=1)
 
@@ -304,37 +357,40 @@ def test_moved_points_follow_the_weights_gradcheck():
         x = starts
         for _ in range(8):
             x = x - lines * (f(x, weights).detach() / (slope(x, weights) * lines).sum(1))[:, None]
-        return ImplicitPoint.apply(f(x, weights), x, slope(x, weights))
+        return implicit_point(f(x, weights), x, slope(x, weights))
 
     assert torch.autograd.gradcheck(moved, (at,))
 
 
 @pytest.mark.parametrize("activation", [nn.Softplus(10), Sine(), nn.Tanh()])
-def test_field_gradient_in_the_weights_gradcheck(activation):
+def test_field_gradient_in_the_weights_gradcheck(activation: nn.Module) -> None:
     net = network(activation, width=4)
     names, weights = zip(*net.named_parameters(), strict=True)
 
     def euler(*values: Tensor) -> Tensor:
         function = lambda x: torch.func.functional_call(net, dict(zip(names, values, strict=True)), (x,))  # noqa: E731
-        return tk.from_sdf(lambda x: function(x.double()), BOX, field_resolution=8).euler(method="field", tau=0.1)
+        shape = tk.from_sdf(lambda x: function(x.double()), bounds=BOX, field_resolution=8)
+        return shape.smoothed_euler(0.1)
 
     assert torch.autograd.gradcheck(euler, tuple(w.detach().requires_grad_(True) for w in weights))
 
 
-def test_field_euler_is_that_of_the_whole_grid():
-    field = tk.from_sdf(network(nn.Softplus(10)), BOX, field_resolution=20).field
-    whole = Field.smoothed_euler(field, 0.05)
+def test_field_euler_is_that_of_the_whole_grid() -> None:
+    net = network(nn.Softplus(10))
+    field = tk.from_sdf(net, bounds=BOX, field_resolution=20).field
+    assert field is not None
+    whole = smoothed_euler(field.values(), 0.05, 0.0, field.connectivity)
     sparse = field.smoothed_euler(0.05)
-    assert float(sparse) == pytest.approx(float(whole), abs=1e-9)
-    weights = list(field.function.f.parameters())
+    torch.testing.assert_close(sparse, whole, atol=1e-9, rtol=0)
+    weights = list(net.parameters())
     for one, other in zip(torch.autograd.grad(whole, weights), torch.autograd.grad(sparse, weights), strict=True):
         torch.testing.assert_close(one, other)
 
 
-def test_gauss_bonnet_gradient_against_differences_of_the_same_feet():
+def test_gauss_bonnet_gradient_against_differences_of_the_same_feet() -> None:
     """χ⁽⁰⁾ with every sample moved along its own normal to the zero of the changed network, neighbours unchanged."""
     net = network(nn.Softplus(10))
-    shape = tk.from_sdf(net, BOX, n_samples=600)
+    shape = tk.from_sdf(net, bounds=BOX, n_samples=600)
     weight = net.inner[0].weight
     local = shape.curvature()
     found = torch.autograd.grad(euler_characteristic(local.gaussian, local.area), weight)[0]
@@ -363,47 +419,138 @@ def test_gauss_bonnet_gradient_against_differences_of_the_same_feet():
         assert float(found[i, j]) == pytest.approx((values[0] - values[1]) / 2e-5, rel=1e-3, abs=1e-6)
 
 
-@pytest.mark.parametrize("method", ["gauss-bonnet", "field"])
+@pytest.mark.parametrize(
+    "ask", [tk.Shape.euler, lambda shape: shape.smoothed_euler(0.1)], ids=["gauss-bonnet", "field"]
+)
 @pytest.mark.parametrize("activation", [nn.ReLU(), Sine(), nn.Softplus(100)])
-def test_gradients_are_finite(activation, method):
+def test_gradients_are_finite(activation: nn.Module, ask: Callable[[tk.Shape], Tensor]) -> None:
     net = network(activation, torch.float32)
-    tk.from_sdf(net, BOX, **ROUGH).euler(method=method).backward()
+    ask(tk.from_sdf(net, bounds=BOX, **ROUGH)).backward()
     grads = [weight.grad for weight in net.parameters() if weight.grad is not None]
     assert grads
     assert all(bool(grad.isfinite().all()) for grad in grads)
     assert any(bool((grad != 0).any()) for grad in grads)
 
 
-@pytest.mark.parametrize("method", ["gauss-bonnet", "field"])
-def test_gradient_of_a_plain_function(method):
-    radius = torch.tensor(0.25, requires_grad=True)
-    value = tk.from_sdf(lambda x: torus(x, minor=radius), BOX, **ROUGH).euler(method=method)
-    value.backward()
-    assert bool(radius.grad.isfinite())
+def test_samples_of_a_plain_function_move_with_its_parameters() -> None:
+    """The tube of a torus grows outward by as much as its radius: dp/dr = n."""
+    radius = torch.tensor(0.25, dtype=torch.float64, requires_grad=True)
+    samples = tk.from_sdf(lambda x: torus(x.double(), minor=radius), bounds=BOX, **ROUGH).samples
+    outward = (samples.points * samples.normals.detach()).sum()
+    assert float(torch.autograd.grad(outward, radius)[0]) == pytest.approx(2000, rel=1e-6)
 
 
-def test_report_first_does_not_lose_the_gradient():
+def test_field_gradient_of_a_plain_function_against_differences() -> None:
+    def euler(radius: Tensor) -> Tensor:
+        shape = tk.from_sdf(lambda x: torus(x.double(), minor=radius), bounds=BOX, **ROUGH)
+        return shape.smoothed_euler(0.1)
+
+    radius = torch.tensor(0.45, dtype=torch.float64, requires_grad=True)
+    (slope,) = torch.autograd.grad(euler(radius), radius)
+    step = 1e-6
+    with torch.no_grad():
+        difference = (euler(radius + step) - euler(radius - step)) / (2 * step)
+    assert float(slope) == pytest.approx(float(difference), rel=1e-4)
+    assert float(slope) > 1  # a thicker torus has a smaller hole
+
+
+def test_report_first_does_not_lose_the_gradient() -> None:
     net = network(nn.Softplus(10), torch.float32)
-    shape = tk.from_sdf(net, BOX, **ROUGH)
+    shape = tk.from_sdf(net, bounds=BOX, **ROUGH)
     shape.report()
     assert shape.euler().requires_grad
 
 
-def test_tau_zero_is_the_integer_and_the_default_is_near():
-    shape = tk.from_sdf(torus, BOX, **ROUGH)
-    assert int(shape.euler(method="field", tau=0)) == 0
-    assert abs(float(shape.euler(method="field"))) < 0.5
+def test_tau_zero_is_the_integer_and_the_default_is_near() -> None:
+    shape = tk.from_sdf(torus, bounds=BOX, **ROUGH)
+    assert int(shape.smoothed_euler(0)) == 0
+    assert abs(float(shape.smoothed_euler())) < 0.5
+    assert float(shape.smoothed_euler()) != 0
 
 
-def test_method_is_checked():
-    shape = tk.from_sdf(torus, BOX, **ROUGH)
-    for wrong in ({"method": "persistence"}, {"tau": 0.1}, {"method": "field", "tau": -1.0}):
-        with pytest.raises(tk.TopokitError):
-            shape.euler(**wrong)
+def test_tau_is_checked() -> None:
+    shape = tk.from_sdf(torus, bounds=BOX, **ROUGH)
+    for wrong in (-1.0, float("inf"), float("nan")):
+        with pytest.raises(tk.InputError, match="tau must be a positive number"):
+            shape.smoothed_euler(wrong)
 
 
-def test_same_generator_same_samples():
-    one, other = (
-        tk.from_sdf(torus, BOX, generator=torch.Generator().manual_seed(3), **ROUGH).samples.points for _ in range(2)
+def test_same_generator_same_samples() -> None:
+    def samples(seed: int) -> Tensor:
+        return tk.from_sdf(torus, bounds=BOX, generator=torch.Generator().manual_seed(seed), **ROUGH).samples.points
+
+    assert torch.equal(samples(3), samples(3))
+    assert not torch.equal(samples(3), samples(4))
+
+
+# levels
+
+
+@pytest.mark.parametrize("level", [-0.2, 0.1])
+def test_the_surface_lies_on_the_level(level: float) -> None:
+    sdf = tk.from_sdf(lambda x: ball(x, 0.5), bounds=BOX, level=level, **ROUGH)
+    occupancy = tk.from_occupancy(lambda x: -ball(x, 0.5), bounds=BOX, level=-level, **ROUGH)
+    for shape in (sdf, occupancy):
+        radii = shape.samples.points.norm(dim=1)
+        torch.testing.assert_close(radii, torch.full_like(radii, 0.5 + level))
+        assert float((shape.samples.normals * shape.samples.points).sum(1).min()) > 0
+        assert shape.report().euler == 2
+        assert float(shape.curvature().mean.median()) == pytest.approx(1 / (0.5 + level), rel=0.05)
+        low, high = shape.report().per_component[0].bounds
+        assert high[0] - low[0] == pytest.approx(2 * (0.5 + level), abs=0.1)
+    assert torch.equal(sdf.field.values(), occupancy.field.values())
+
+
+def test_the_level_decides_the_topology() -> None:
+    genera = {level: tk.from_sdf(torus, bounds=BOX, level=level, **ROUGH).genus() for level in (-0.1, 0.0, 0.37)}
+    assert genera == {-0.1: 1, 0.0: 1, 0.37: 0}  # the hole of radius 0.35 is closed
+    closed = tk.from_sdf(torus, bounds=BOX, level=0.37, **ROUGH)
+    assert int(closed.smoothed_euler(0)) == 2
+
+
+def test_a_level_moves_the_gradient_too() -> None:
+    def euler(level: float, radius: Tensor) -> Tensor:
+        shape = tk.from_sdf(lambda x: torus(x.double(), minor=radius), bounds=BOX, level=level, **ROUGH)
+        return shape.smoothed_euler(0.1)
+
+    thin, thick = (torch.tensor(r, dtype=torch.float64, requires_grad=True) for r in (0.25, 0.45))
+    torch.testing.assert_close(euler(0.2, thin), euler(0.0, thick))
+    torch.testing.assert_close(
+        torch.autograd.grad(euler(0.2, thin), thin), torch.autograd.grad(euler(0.0, thick), thick)
     )
-    assert torch.equal(one, other)
+
+
+# compiled networks
+
+
+def test_compiled_networks_are_reported_and_differentiated() -> None:
+    net = network(nn.Softplus(10), torch.float32)
+    compiled = torch.compile(net, backend="aot_eager")
+    expected = tk.from_sdf(net, bounds=BOX, **ROUGH)
+    shape = tk.from_sdf(compiled, bounds=BOX, **ROUGH)
+    assert shape.report().euler == expected.report().euler == 2
+    torch.testing.assert_close(shape.samples.points, expected.samples.points)
+    gradients = [
+        torch.autograd.grad(one.curvature().gaussian.sum(), list(net.parameters())) for one in (shape, expected)
+    ]
+    torch.testing.assert_close(gradients[0], gradients[1], rtol=1e-3, atol=1e-3)
+    gradients = [torch.autograd.grad(one.smoothed_euler(0.1), list(net.parameters())) for one in (shape, expected)]
+    torch.testing.assert_close(gradients[0], gradients[1])
+
+
+# randomness
+
+
+def test_samples_do_not_depend_on_when_they_are_drawn() -> None:
+    def shapes() -> tuple[tk.Shape, tk.Shape, torch.Generator]:
+        generator = torch.Generator().manual_seed(3)
+        one, other = (tk.from_sdf(torus, bounds=BOX, generator=generator, **ROUGH) for _ in range(2))
+        return one, other, generator
+
+    first, second, _ = shapes()
+    late_first, late_second, generator = shapes()
+    torch.rand(7, generator=generator)
+    late_second.samples  # noqa: B018
+    assert torch.equal(first.samples.points, late_first.samples.points)
+    assert torch.equal(second.samples.points, late_second.samples.points)
+    assert not torch.equal(first.samples.points, second.samples.points)

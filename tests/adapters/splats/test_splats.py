@@ -428,9 +428,9 @@ def test_load_tells_splats_meshes_and_points_apart_by_content(tmp_path: Path) ->
     trimesh.Trimesh(*icosphere(2)).export(tmp_path / "mesh.ply")
     trimesh.PointCloud(scene.means).export(tmp_path / "points.ply")
     assert any("discs" in sentence for sentence in tk.load(tmp_path / "splats.ply").notes)
-    assert tk.load(tmp_path / "mesh.ply").exact is not None
+    assert tk.load(tmp_path / "mesh.ply").counted is not None
     points = tk.load(tmp_path / "points.ply")
-    assert points.exact is None
+    assert points.counted is None
     assert points.samples.n_points == 1000
 
 

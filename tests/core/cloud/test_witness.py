@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from topokit.core.cloud import downsampling as thinning
-from topokit.core.cloud import witness
-from topokit.core.cloud.votes import decide
-from topokit.core.cloud.witness import global_witness
+from topokit.core.cloud import downsampling, witness
+from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
+from topokit.core.cloud.witness import Signs, Witness, global_witness
+from topokit.core.local.boundary import BoundaryEstimate
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.errors import InputError
+from topokit.report.cloud_wording import check_sentences, preparation_sentences
+from topokit.report.verdict import cloud_checks, cloud_verdict
 from topokit.testing import genus_mesh, sphere_samples, torus_samples
 
 
@@ -45,6 +48,17 @@ def sphere_and_torus() -> tuple[Tensor, Tensor]:
     return torch.cat((points, ring + torch.tensor([3.0, 0, 0]))), torch.cat((normals, ring_normals))
 
 
+NO_BOUNDARY = BoundaryEstimate((), 0.0, 1.0)
+
+
+def verdict(found: Witness) -> str:
+    return cloud_verdict(cloud_checks(found, NO_BOUNDARY))
+
+
+def failed(found: Witness) -> set[str]:
+    return {check.name for check in cloud_checks(found, NO_BOUNDARY) if not check.passed}
+
+
 SHAPES = [
     (sphere, 2, (1, 0)),
     (torus, 0, (1, 0)),
@@ -59,37 +73,40 @@ SHAPES = [
 def test_smooth_shapes_are_right_and_likely(make: type, euler: int, parts: tuple[int, int], is_oriented: bool) -> None:
     points, normals = make()
     found = global_witness(points, normals if is_oriented else None)
-    assert (found.euler, found.verdict) == (euler, "likely"), found.reasons
+    assert (found.euler, verdict(found)) == (euler, "likely"), failed(found)
     assert (found.components, found.cavities) == parts
     assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
-    assert set(found.votes.values()) == {euler}
+    assert {value for vote in found.votes for value in vote.eulers} == {euler}
     assert 2.5 * found.spacing <= found.resolution < 5 * found.spacing
 
 
 def test_reasons_are_sentences_with_numbers() -> None:
     found = global_witness(sphere(1500)[0])
-    assert len(found.reasons) > 5
-    for reason in found.reasons:
-        assert reason[0].isupper() or reason[0].isdigit()
-        assert reason.endswith(".")
-        assert re.search(r"\d", reason)
-        assert not re.search(r"sigma|alternation|setting|cut \d|grid \d|_", reason), reason
+    sentences = (*check_sentences(cloud_checks(found, NO_BOUNDARY), found), *preparation_sentences(found))
+    assert len(sentences) > 5
+    for sentence in sentences:
+        assert sentence[0].isupper() or sentence[0].isdigit()
+        assert sentence.endswith(".")
+        assert re.search(r"\d", sentence)
+        assert not re.search(r"sigma|alternation|setting|cut \d|grid \d|_|[{}]", sentence), sentence
 
 
-def test_flipped_normals_are_noticed_and_turned() -> None:
+def test_inward_normals_are_reversed() -> None:
     points, normals = torus()
     found = global_witness(points, -3 * normals)
-    assert (found.euler, found.verdict) == (0, "likely")
-    assert "all point inward" in found.reasons[0]
+    assert (found.euler, verdict(found)) == (0, "likely")
+    assert found.signs.source == "reversed"
     np.testing.assert_allclose(found.normals, normals.numpy(), atol=1e-12)
 
 
-def test_partly_flipped_normals_are_noticed() -> None:
+def test_contradictory_normals_are_found_anew() -> None:
     points, normals = sphere()
     flipped = torch.where(points[:, :1] > 0.5, -normals, normals)
     found = global_witness(points, flipped)
-    assert found.verdict == "unsure"
-    assert "contradict" in found.reasons[0]
+    assert found.signs.source == "contradictory"
+    assert found.signs.confirmed == pytest.approx(float((points[:, 0] <= 0.5).double().mean()), abs=0.03)
+    assert failed(found) == {"contradictory"}
+    assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
 
 
 def test_neither_offset_nor_unit_matters() -> None:
@@ -97,7 +114,7 @@ def test_neither_offset_nor_unit_matters() -> None:
     plain = global_witness(points, normals)
     for scale, shift in ((1.0, 1e6), (1e-6, 0.0), (1e7, 0.0)):
         moved = global_witness(points * scale + shift, normals)
-        assert (moved.euler, moved.verdict) == (plain.euler, plain.verdict)
+        assert (moved.euler, failed(moved)) == (plain.euler, failed(plain))
         assert moved.spacing == pytest.approx(scale * plain.spacing, rel=1e-4)
         assert moved.votes == plain.votes
 
@@ -106,7 +123,7 @@ def test_given_areas_are_used() -> None:
     known = sphere_samples(3000, radius=50.0)
     areas = torch.full((3000,), known.area / 3000)
     found = global_witness(known.points.float(), known.normals.float(), areas)
-    assert (found.euler, found.verdict) == (2, "likely")
+    assert (found.euler, verdict(found)) == (2, "likely")
     assert found.spacing == pytest.approx((known.area / 3000) ** 0.5, rel=1e-5)
 
 
@@ -116,46 +133,49 @@ def test_a_thin_sheet_is_unsure() -> None:
     bent = torch.nn.functional.normalize(normals / torch.tensor([1.0, 1.0, 0.02]), dim=1)
     for given in (bent, None):
         found = global_witness(flat, given)
-        assert found.verdict == "unsure"
-        assert any("walls or gaps are thinner" in reason for reason in found.reasons)
+        assert {"crowded", "crowded_wide"} <= failed(found)
 
 
 def test_noise_without_a_surface_is_unsure(generator: torch.Generator) -> None:
     found = global_witness(torch.randn(1500, 3, generator=generator))
-    assert found.verdict == "unsure"
-    assert any(reason.startswith("Only") for reason in found.reasons)
+    assert {"cuts", "fields", "agreement", "disagreement"} & failed(found)
+    assert verdict(found) == "unsure"
 
 
-def test_open_half_sphere_of_few_points_does_not_fail() -> None:
+def test_an_open_half_sphere_of_few_points_gets_all_votes() -> None:
     points, normals = sphere(1000)
     upper = points[:, 2] > 0
-    assert isinstance(global_witness(points[upper], normals[upper]).euler, int)
+    found = global_witness(points[upper], normals[upper])
+    assert [vote.family for vote in found.votes] == ["cut"] * 3 + ["smooth cut"] * 2 + ["field"] * 3
+    assert found.n_used == int(upper.sum())
 
 
 def test_the_answer_is_deterministic() -> None:
     points, _ = torus(1500)
     first, second = global_witness(points), global_witness(points.clone())
-    assert (first.votes, first.numbers, first.reasons) == (second.votes, second.numbers, second.reasons)
+    assert (first.votes, first.quality, first.signs) == (second.votes, second.quality, second.signs)
     np.testing.assert_array_equal(first.normals, second.normals)
 
 
-def test_large_clouds_are_thinned_and_that_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (thinning, witness):
+def test_large_clouds_are_downsampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (downsampling, witness):
         monkeypatch.setattr(module, "MOST_POINTS", 5000)
-    monkeypatch.setattr(thinning, "KEPT_POINTS", 3000)
+    monkeypatch.setattr(downsampling, "KEPT_POINTS", 3000)
     points, normals = torus(8000)
     for given in (normals, None, -normals):
         found = global_witness(points, given)
-        assert (found.euler, found.verdict) == (0, "likely")
-        assert found.reasons[0].startswith("Of 8000 points ")
+        assert (found.euler, verdict(found)) == (0, "likely")
+        assert found.is_downsampled
+        assert 2500 < found.n_used < 3500
+        assert preparation_sentences(found)[0].startswith(f"Of 8000 points, {found.n_used}, evenly spread")
         assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
 
 
-def test_repeated_points_are_left_out_and_that_is_said() -> None:
+def test_repeated_points_are_left_out() -> None:
     points, normals = sphere(1500)
     found = global_witness(points.repeat(4, 1), normals.repeat(4, 1))
-    assert (found.euler, found.verdict) == (2, "likely")
-    assert found.reasons[0] == "4500 points lie where others do and were left out."
+    assert (found.euler, verdict(found)) == (2, "likely")
+    assert preparation_sentences(found)[0] == "4500 points that coincide with others were left out."
     assert found.normals.shape == (6000, 3)
     with pytest.raises(InputError, match="too few"):
         global_witness(points[:20].repeat(30, 1))
@@ -190,24 +210,42 @@ def test_ill_fitting_normals_and_areas_are_refused() -> None:
         global_witness(points, normals, torch.ones(50))
 
 
-CUTS = ("cut 0", "cut 1", "cut 2", "smooth cut 0", "smooth cut 1")
-AGREED = {f"{name} {side}": 2 for name in CUTS for side in ("inside", "outside")} | {f"grid {k}": 2 for k in range(3)}
-GOOD = {"crowded": 0.0, "crowded 2.5": 0.0, "coverage": 1.0, "disagreement": 0.0}
+def a_witness(*, votes: dict[str, int] | None = None, components: int = 1, **quality: float) -> Witness:
+    """A witness in full agreement on a sphere, but for some families of votes and some qualities."""
+    values = {"cut": 2, "smooth cut": 2, "field": 2} | (votes or {})
+    settings = (("cut", CUT_SETTINGS, 2), ("smooth cut", SMOOTH_SETTINGS, 2), ("field", FIELD_SETTINGS, 1))
+    rows = tuple(Vote(name, k, (values[name],) * n) for name, all_, n in settings for k in range(len(all_)))
+    good = {"coverage": 1.0, "disagreement": 0.0, "roughness": 0.1, "crowded": 0.0, "crowded_wide": 0.0}
+    signs = Signs("given", quality.pop("confirmed", 1.0), None)
+    agreement = quality.pop("agreement", 1.0)
+    nothing = np.zeros((0, 3), dtype=np.int64)
+    return Witness(
+        2, agreement, rows, SampleQuality(**(good | quality)), signs, None, components, 0, np.zeros((9, 3)), 9, 9, 1.0,
+        2.5, {"votes": 0.0}, nothing,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("votes", "numbers"),
+    ("changes", "name"),
     [
-        ({"grid 0": 0, "grid 1": 0}, {}),
-        ({"smooth cut 0 inside": 4}, {}),
-        ({name: 0 for name in AGREED if name.startswith("cut")}, {}),
-        ({}, {"crowded": 0.01}),
-        ({}, {"crowded 2.5": 0.02}),
-        ({}, {"coverage": 0.5}),
-        ({}, {"disagreement": 0.07}),
-        ({}, {"given normals": 0.8}),
+        ({"votes": {"field": 0}}, "fields"),
+        ({"votes": {"smooth cut": 4}}, "smoothing"),
+        ({"votes": {"cut": 0}}, "cuts"),
+        ({"agreement": 0.7}, "agreement"),
+        ({"crowded": 0.01}, "crowded"),
+        ({"crowded_wide": 0.02}, "crowded_wide"),
+        ({"coverage": 0.5}, "coverage"),
+        ({"disagreement": 0.07}, "disagreement"),
+        ({"confirmed": 0.8}, "confirmed"),
+        ({"components": 0}, "genus"),
     ],
 )
-def test_one_failed_condition_is_enough_to_be_unsure(votes: dict[str, int], numbers: dict[str, float]) -> None:
-    assert decide(AGREED, GOOD)[:2] == (2, "likely")
-    assert decide(AGREED | votes, GOOD | numbers)[1] == "unsure"
+def test_one_failed_check_is_enough_to_be_unsure(changes: dict[str, Any], name: str) -> None:
+    assert verdict(a_witness()) == "likely"
+    assert name in failed(a_witness(**changes))
+    assert verdict(a_witness(**changes)) == "unsure"
+
+
+def test_samples_with_neighbors_on_one_side_are_unsure() -> None:
+    checks = cloud_checks(a_witness(), BoundaryEstimate((), 0.06, 1.0))
+    assert {check.name for check in checks if not check.passed} == {"rim"}

@@ -10,8 +10,9 @@ from torch import Tensor
 from torch.autograd import gradcheck
 
 from topokit.core.grid import splines
-from topokit.core.grid.splines import Grid, GridSampler, make_grid
-from topokit.core.grid.winding_field import direct_winding_number, regularize, winding_field
+from topokit.core.grid.grid import Grid, make_grid
+from topokit.core.grid.splines import GridSampler
+from topokit.core.grid.winding_field import PoissonFilter, direct_winding_number, regularize, winding_field
 from topokit.errors import InputError
 from topokit.testing import sphere_samples, torus_samples
 
@@ -25,7 +26,7 @@ def sphere(n_points: int) -> tuple[Tensor, Tensor, Tensor, float]:
 
 
 def small_grid() -> Grid:
-    return Grid(torch.full((3,), -1.6, dtype=torch.float64), 0.2, (16, 18, 16))
+    return Grid((16, 18, 16), (0.2, 0.2, 0.2), (-1.6, -1.6, -1.6))
 
 
 def test_field_is_the_direct_sum(generator: torch.Generator) -> None:
@@ -72,9 +73,8 @@ def test_gathering_is_the_adjoint_of_splatting(generator: torch.Generator) -> No
 def test_splines_reproduce_linear_fields(generator: torch.Generator) -> None:
     grid = small_grid()
     points = 2 * torch.rand(50, 3, generator=generator, dtype=torch.float64) - 1
-    vertices = torch.stack(torch.meshgrid(*[torch.arange(n).double() for n in grid.shape], indexing="ij"), -1)
     slope = torch.tensor([0.3, -2.0, 1.1], dtype=torch.float64)
-    field = (grid.origin + grid.cell * vertices) @ slope + 5
+    field = (grid.positions(torch.arange(grid.n_vertices)) @ slope + 5).reshape(grid.shape)
     torch.testing.assert_close(GridSampler(points, grid).gather(field), points @ slope + 5)
     torch.testing.assert_close(GridSampler(points, grid).gather_gradient(field), slope.expand(50, 3))
 
@@ -96,6 +96,19 @@ def test_field_passes_gradcheck(monkeypatch: pytest.MonkeyPatch, block: int) -> 
     inputs = tuple(values.clone().requires_grad_() for values in (points, normals, areas, queries))
     assert gradcheck(lambda p, n, a, q: winding_field(p, n, a, small_grid(), 1.2).sample(q), inputs)
     assert gradcheck(lambda p, n, a, q: winding_field(p, n, a, small_grid(), 1.2).gradient(q), inputs)
+
+
+def test_poisson_filter_divides_waves_by_their_squared_wavenumber() -> None:
+    cell, n = 0.5, 16
+    steps = torch.arange(n, dtype=torch.float64)
+    wave = (2 * math.pi * 3 * steps / n).cos()[:, None, None] * (2 * math.pi * steps / n).sin()[None, :, None]
+    density = (wave * torch.ones(n)).contiguous()
+    squared = (2 * math.pi / n) ** 2 * (3**2 + 1)  # per cell²
+    solver = PoissonFilter(Grid((n, n, n), (cell, cell, cell)), 0.0, density)
+    for sigma in (0.0, 1.5, 0.7):
+        solver.smooth(sigma)
+        expected = density * math.exp(-(sigma**2) * squared / 2) / squared / cell
+        torch.testing.assert_close(solver(density + 7.0), expected, atol=1e-12, rtol=0)
 
 
 def test_regularize_passes_gradcheck() -> None:
@@ -131,21 +144,9 @@ def test_dtype_and_device_are_kept(dtype: torch.dtype, device: str) -> None:
     assert all(one.dtype == dtype for one in regularize(points, normals, areas, field.grid))
 
 
-def test_grids_are_padded_bounded_and_even() -> None:
-    points = torch.tensor([[0.0, 0, 0], [4, 1, 0.5]], dtype=torch.float64)
-    grid = make_grid(points, 0.01, maximum_vertices=64**3)
-    assert math.prod(grid.shape) <= 64**3
-    assert all(n % 2 == 0 for n in grid.shape)
-    top = grid.origin + grid.cell * (torch.tensor(grid.shape) - 1)
-    assert (points.amin(0) - grid.origin).min() >= 0.11 * 4
-    assert (top - points.amax(0)).min() >= 0.11 * 4
-
-
 def test_unusable_input_is_refused() -> None:
     points, normals, areas, _ = sphere(10)
     with pytest.raises(InputError, match=r"areas \(N,\)"):
         winding_field(points, normals, areas[:5], small_grid())
-    with pytest.raises(InputError, match="all in one place"):
-        make_grid(torch.zeros(5, 3), 0.1)
-    with pytest.raises(InputError, match="positive spacing"):
-        make_grid(points, 0.0)
+    with pytest.raises(InputError, match="must be cubes"):
+        winding_field(points, normals, areas, Grid((16, 16, 16), (0.2, 0.2, 0.3), (-1.6, -1.6, -1.6)))

@@ -1,4 +1,4 @@
-"""Deforming one solid towards another: what stays, where it ends."""
+"""Homotopy warping: what is kept, and where it ends."""
 
 from __future__ import annotations
 
@@ -26,40 +26,42 @@ def both_betti_numbers(solid: np.ndarray) -> list[list[int]]:
 
 
 def blobs(seed: int, n: int = 14) -> np.ndarray:
-    """Noise with some body to it: parts, tunnels and cavities."""
+    """Correlated noise with parts, tunnels and cavities."""
     noise = np.random.default_rng(seed).normal(size=(n, n, n))
     return noise + sum(np.roll(noise, 1, axis) for axis in range(3)) > 0.4
 
 
 @given(pairs, st.sampled_from(CONNECTIVITIES))
 @settings(max_examples=150, deadline=None)
-def test_betti_numbers_stay_and_nothing_simple_is_left(pair, connectivity):
-    solid, towards = pair
-    moved = deform(solid, towards, connectivity)
+def test_betti_numbers_are_kept_and_no_simple_voxel_differs(
+    pair: tuple[np.ndarray, np.ndarray], connectivity: int | None
+) -> None:
+    solid, target = pair
+    moved = deform(solid, target, connectivity)
     for one in (6, 26) if connectivity is None else (connectivity,):
         assert betti_numbers(moved, connectivity=one).equal(betti_numbers(solid, connectivity=one))
     padded = PaddedSolid(moved)
-    left = padded.indices(moved != towards)
+    left = padded.indices(moved != target)
     assert not is_simple(padded.codes(left), connectivity).any()
-    assert (moved[solid == towards] == solid[solid == towards]).all()
+    assert (moved[solid == target] == solid[solid == target]).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_larger_noise_keeps_its_betti_numbers_in_both(seed):
-    solid, towards = blobs(seed), blobs(seed + 100)
-    moved = deform(solid, towards)
+def test_larger_noise_keeps_its_betti_numbers_in_both_connectivities(seed: int) -> None:
+    solid, target = blobs(seed), blobs(seed + 100)
+    moved = deform(solid, target)
     assert both_betti_numbers(moved) == both_betti_numbers(solid)
-    assert 0 < (moved != towards).sum() < 0.8 * (solid != towards).sum()
+    assert 0 < (moved != target).sum() < 0.8 * (solid != target).sum()
 
 
-def test_it_moves_all_the_way_where_the_topologies_agree():
+def test_the_target_is_reached_where_the_topologies_agree() -> None:
     p = grid(24)
     small, moved = (ball(p, 0.3, (-0.4, 0, 0)) > 0).numpy(), (ball(p, 0.5, (0.2, 0, 0)) > 0).numpy()
     assert (deform(small, moved) == moved).all()
     assert (deform(moved, small) == small).all()
 
 
-def test_a_ball_cannot_become_a_torus_and_a_membrane_is_left():
+def test_a_ball_warped_to_a_torus_keeps_a_membrane() -> None:
     p = grid(24)
     full, ring = (ball(p, 0.8) > 0).numpy(), (torus(p, 0.5, 0.25) > 0).numpy()
     moved = deform(full, ring)
@@ -70,7 +72,7 @@ def test_a_ball_cannot_become_a_torus_and_a_membrane_is_left():
     assert left.any(2).sum() >= left.sum() - 2  # one voxel thick along the axis of the hole
 
 
-def test_a_part_that_only_one_has_stays_or_never_comes():
+def test_a_part_of_only_one_solid_is_neither_created_nor_removed() -> None:
     p = grid(20)
     one = (ball(p, 0.3, (-0.5, 0, 0)) > 0).numpy()
     two = one | (ball(p, 0.3, (0.5, 0, 0)) > 0).numpy()
@@ -80,24 +82,24 @@ def test_a_part_that_only_one_has_stays_or_never_comes():
     assert shrunk[10:].sum() == 1
 
 
-def test_a_solid_deformed_to_itself_is_itself_and_the_arguments_are_not_written_to():
-    solid, towards = blobs(1), blobs(2)
-    before = solid.copy(), towards.copy()
+def test_the_result_is_deterministic_and_the_arguments_are_not_modified() -> None:
+    solid, target = blobs(1), blobs(2)
+    before = solid.copy(), target.copy()
     assert (deform(solid, solid) == solid).all()
-    first = deform(solid, towards)
-    assert (deform(solid, towards) == first).all()
+    first = deform(solid, target)
+    assert (deform(solid, target) == first).all()
     assert (solid == before[0]).all()
-    assert (towards == before[1]).all()
+    assert (target == before[1]).all()
 
 
-def test_deforming_is_the_same_from_the_other_side():
-    """Exchanging solid and background, and 6 and 26, in a frame that never differs and leaves the parities as are."""
-    solid, towards = blobs(3), blobs(4)
-    framed = deform(~np.pad(solid, 2), ~np.pad(towards, 2), 26)
-    assert (framed[2:-2, 2:-2, 2:-2] == ~deform(solid, towards, 6)).all()
+def test_exchanging_solid_and_background_gives_the_complement() -> None:
+    """With 6 and 26 exchanged, too. The padding is even, so that the parities stay the same."""
+    solid, target = blobs(3), blobs(4)
+    framed = deform(~np.pad(solid, 2), ~np.pad(target, 2), 26)
+    assert (framed[2:-2, 2:-2, 2:-2] == ~deform(solid, target, 6)).all()
 
 
-def test_only_the_two_connectivities():
+def test_only_the_two_connectivities() -> None:
     solid = np.zeros((2, 2, 2), dtype=bool)
     with pytest.raises(InputError, match=r"^connectivity must be 6, 26 or None \(both\), not 4\.$"):
         deform(solid, ~solid, 4)

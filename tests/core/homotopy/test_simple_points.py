@@ -1,4 +1,4 @@
-"""Simple points against Betti numbers that SciPy and scikit-image count in the 3 x 3 x 3 neighbourhood."""
+"""Simple points against Betti numbers that SciPy and scikit-image count in the 3 x 3 x 3 neighborhood."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.ndimage import generate_binary_structure, label
 from skimage.measure import euler_number
 
 from topokit.core.grid.components import betti_numbers
-from topokit.core.homotopy.simple_points import OFFSETS, PaddedSolid, is_simple, touching
+from topokit.core.homotopy.simple_points import OFFSETS, PaddedSolid, count_touching, is_simple
 from topokit.errors import InputError
 
 FACES, EDGES, CORNERS = (generate_binary_structure(3, order) for order in (1, 2, 3))
@@ -18,7 +18,7 @@ MIDDLE = (1, 1, 1)
 
 
 def random_cubes(count: int = 1500) -> np.ndarray:
-    """(count, 3, 3, 3) neighbourhoods of all densities."""
+    """(count, 3, 3, 3) neighborhoods of all densities."""
     draw = np.random.default_rng(3)
     return draw.random((count, 3, 3, 3)) < draw.random((count, 1, 1, 1))
 
@@ -28,7 +28,7 @@ def codes_of(cubes: np.ndarray) -> np.ndarray:
 
 
 def components_touching_the_middle(cube: np.ndarray, connectivity: int) -> int:
-    """Bertrand and Malandain's numbers, as they define them."""
+    """The topological numbers of Bertrand and Malandain, by their definition."""
     around = cube.copy()
     around[MIDDLE] = False
     if connectivity == 26:
@@ -44,9 +44,9 @@ def betti_26(cube: np.ndarray) -> tuple[int, int, int]:
 
 
 def flipping_changes_nothing(cube: np.ndarray, connectivity: int) -> bool:
-    """The other way to say simple: the Betti numbers among the neighbours are the same with the middle and without.
+    """An equivalent definition of simple: flipping the middle voxel keeps the Betti numbers of the neighborhood.
 
-    With 6 the background is the one whose voxels join through corners.
+    For connectivity 6 they are those of the background, which is 26-connected.
     """
     one = cube.copy() if connectivity == 26 else ~cube
     other = one.copy()
@@ -55,9 +55,9 @@ def flipping_changes_nothing(cube: np.ndarray, connectivity: int) -> bool:
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
-def test_touching_components_are_those_of_the_definition(connectivity):
+def test_touching_components_are_those_of_the_definition(connectivity: int) -> None:
     cubes = random_cubes()
-    solid, background = touching(codes_of(cubes), connectivity)
+    solid, background = count_touching(codes_of(cubes), connectivity)
     expected = [components_touching_the_middle(cube, connectivity) for cube in cubes]
     assert solid.tolist() == np.minimum(expected, 2).tolist()
     expected = [components_touching_the_middle(~cube, 32 - connectivity) for cube in cubes]
@@ -66,14 +66,14 @@ def test_touching_components_are_those_of_the_definition(connectivity):
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
-def test_simple_is_what_keeps_components_tunnels_and_cavities(connectivity):
+def test_simple_is_what_keeps_components_tunnels_and_cavities(connectivity: int) -> None:
     cubes = random_cubes()
     simple = is_simple(codes_of(cubes), connectivity)
     assert simple.tolist() == [flipping_changes_nothing(cube, connectivity) for cube in cubes]
     assert 100 < simple.sum() < len(cubes) - 100
 
 
-def test_none_means_both_and_the_middle_itself_does_not_matter():
+def test_none_means_both_and_the_middle_voxel_is_ignored() -> None:
     cubes = random_cubes()
     codes = codes_of(cubes)
     simple = {one: is_simple(codes, one) for one in (6, 26, None)}
@@ -84,7 +84,7 @@ def test_none_means_both_and_the_middle_itself_does_not_matter():
         assert (is_simple(codes_of(cubes), one) == expected).all()
 
 
-def test_all_48_symmetries_and_the_exchange_of_sides():
+def test_48_symmetries_and_exchange_of_solid_and_background() -> None:
     cubes = random_cubes(400)
     for connectivity in (6, 26):
         simple = is_simple(codes_of(cubes), connectivity)
@@ -95,7 +95,7 @@ def test_all_48_symmetries_and_the_exchange_of_sides():
 
 
 @pytest.mark.parametrize("shape", [(4, 5, 3), (1, 6, 4), (1, 1, 1)])
-def test_neighbourhoods_at_the_border_see_background_outside(shape):
+def test_neighborhoods_at_the_border_see_background_outside(shape: tuple[int, int, int]) -> None:
     solid = np.random.default_rng(5).random(shape) < 0.6
     padded = PaddedSolid(solid)
     at = padded.indices(np.ones(shape, dtype=bool))
@@ -109,7 +109,7 @@ def test_neighbourhoods_at_the_border_see_background_outside(shape):
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
-def test_flipping_a_simple_voxel_of_a_grid_keeps_its_betti_numbers(connectivity):
+def test_flipping_a_simple_voxel_of_a_grid_keeps_its_betti_numbers(connectivity: int) -> None:
     solid = np.random.default_rng(1).random((4, 4, 4)) < 0.5
     before = betti_numbers(solid, connectivity=connectivity)
     padded = PaddedSolid(solid)
@@ -122,7 +122,7 @@ def test_flipping_a_simple_voxel_of_a_grid_keeps_its_betti_numbers(connectivity)
         solid[tuple(voxel)] ^= True
 
 
-def test_voxels_of_one_parity_are_never_neighbours():
+def test_voxels_of_one_parity_are_never_neighbors() -> None:
     padded = PaddedSolid(np.zeros((5, 4, 6), dtype=bool))
     parity = padded.parity(padded.indices(np.ones((5, 4, 6), dtype=bool))).reshape(5, 4, 6)
     assert set(parity.ravel().tolist()) == set(range(8))
@@ -132,14 +132,14 @@ def test_voxels_of_one_parity_are_never_neighbours():
         assert (ahead != behind).all()
 
 
-def test_only_the_two_connectivities():
+def test_only_the_two_connectivities() -> None:
     with pytest.raises(InputError, match=r"^connectivity must be 6, 26 or None \(both\), not 18\.$"):
         is_simple(np.zeros(1, dtype=np.int32), 18)
     assert is_simple(np.zeros(0, dtype=np.int32)).shape == (0,)
 
 
-def test_number_of_simple_neighbourhoods_is_the_known_one():
-    """25,985,144 of all 2^26, in the literature since G. Malandain's tables; mirror images are counted together."""
+def test_number_of_simple_neighborhoods_is_the_known_one() -> None:
+    """25,985,144 of all 2^26, as in the literature; mirror images are counted together."""
     middle = np.arange(1 << 8, dtype=np.int32)
     middle = (middle & 0xF) << 9 | (middle >> 4) << 14
     simple = 0

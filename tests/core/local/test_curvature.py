@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from topokit.core.local.curvature import Curvature, surface_curvature
+from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_by_component, euler_characteristic
 from topokit.core.neighbors import neighbor_components
 from topokit.core.samples import SurfaceSamples
@@ -20,7 +20,7 @@ MAKERS = [sphere_samples, ellipsoid_samples, torus_samples]
 
 def measure(known: AnalyticSamples, with_normals: bool = True, **options: object) -> Curvature:
     samples = SurfaceSamples(known.points, known.normals if with_normals else None)
-    return surface_curvature(samples, **options)  # type: ignore[arg-type]
+    return surface_curvature(samples, CurvatureSettings(**options))  # type: ignore[arg-type]
 
 
 def fibonacci_sphere(n: int) -> Tensor:

@@ -101,7 +101,7 @@ def test_unknown_options_are_named(options: dict, message: str) -> None:
 def test_euler_is_the_refined_value_with_the_formulas_gradient() -> None:
     points = TORUS.points.clone().requires_grad_()
     shape = tk.from_points(points, TORUS.normals)
-    plain, refined = shape.euler(refine=False), shape.euler()
+    plain, refined = shape.euler(), shape.euler()
     assert abs(float(refined.detach())) < 1e-3
     assert abs(float(plain.detach())) < 0.2
     (with_refined,) = torch.autograd.grad(refined, points)

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial import SphericalVoronoi, Voronoi
 from torch.autograd import gradcheck
 
-from topokit.core.local.curvature import surface_curvature
+from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.local.voronoi import cell_areas, exact_cell_areas, monte_carlo_cell_areas
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -100,13 +100,13 @@ def test_total_area_is_within_a_per_cent(make: type, with_normals: bool) -> None
 
 def test_monte_carlo_total_area_is_within_a_per_cent() -> None:
     known = sphere_samples(10_000)
-    local = surface_curvature(SurfaceSamples(known.points, known.normals), area_method="monte-carlo")
+    local = surface_curvature(SurfaceSamples(known.points, known.normals), CurvatureSettings(area_method="monte-carlo"))
     assert float(local.area.sum()) == pytest.approx(known.area, rel=0.01)
 
 
 def test_cells_on_the_sphere_are_the_spherical_ones() -> None:
     known = sphere_samples(3000)
-    local = surface_curvature(SurfaceSamples(known.points, known.normals), n_neighbors=40)
+    local = surface_curvature(SurfaceSamples(known.points, known.normals), CurvatureSettings(n_neighbors=40))
     expected = SphericalVoronoi(known.points.numpy()).calculate_areas()
     np.testing.assert_allclose(local.area.numpy(), expected, rtol=0.05)
 

@@ -8,8 +8,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from topokit.core.components import SurfaceComponent
 from topokit.core.mesh.topology import mesh_topology
-from topokit.core.mesh.winding_number import contains, winding_numbers
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 from topokit.testing.meshes import Mesh
 
@@ -123,8 +123,66 @@ def test_counts_agree_with_trimesh_on_random_triangle_soups(seed: int) -> None:
     assert topology.is_closed == (oracle.is_watertight and topology.is_manifold)
 
 
-def test_winding_numbers() -> None:
-    vertices, faces = icosphere(3)
-    points = np.array([[0.0, 0, 0], [0.3, 0.2, 0.1], [2.0, 0, 0], [0, 0, -5.0]])
-    np.testing.assert_allclose(winding_numbers(vertices[faces], points), [1, 1, 0, 0], atol=1e-12)
-    assert contains(vertices[faces[:, ::-1]], points).tolist() == [True, True, False, False]
+def test_a_soup_of_loose_triangles_is_counted_as_one_array() -> None:
+    rng = np.random.default_rng(0)
+    n_loose = 20_000
+    corners = 4 * rng.random((n_loose, 1, 3)) - 2 + 0.01 * rng.normal(size=(n_loose, 3, 3))
+    shells = joined(icosphere(2, 1.0), icosphere(1, 0.5))
+    vertices, faces = joined(shells, (corners.reshape(-1, 3), np.arange(3 * n_loose).reshape(-1, 3)))
+    topology = mesh_topology(vertices, faces)
+    components = topology.components
+    assert len(components) == n_loose + 2
+    assert (topology.euler, topology.genus, topology.boundary_loops) == (n_loose + 4, 0, n_loose)
+    assert components[0].bounds == ((-1, -1, -1), (1, 1, 1))
+    distance = np.linalg.norm(corners, axis=2).max(axis=1)
+    is_outside = np.linalg.norm(corners, axis=2).min(axis=1) > 1
+    depth_of_face = components.depths[topology.face_labels[-n_loose:]]
+    assert (depth_of_face[is_outside] == 0).all()
+    assert (depth_of_face[distance < 0.45] == 2).all()
+    assert (distance < 0.45).sum() > 50
+    assert is_outside.sum() > 10_000
+    assert (depth_of_face[(distance < 0.9) & (np.linalg.norm(corners, axis=2).min(axis=1) > 0.55)] == 1).all()
+
+
+def test_many_bubbles_in_one_shell_are_cavities() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(12.0)] * 3), axis=-1).reshape(-1, 3)
+    vertices, faces = icosphere(0, 0.3)
+    bubbles = (vertices + grid[:, None]).reshape(-1, 3)
+    bubble_faces = (faces + len(vertices) * np.arange(len(grid))[:, None, None]).reshape(-1, 3)
+    topology = mesh_topology(*joined(moved(icosphere(4, 12.0), 5.5), (bubbles, bubble_faces)))
+    assert topology.components.cavities == len(grid)
+    assert topology.inward_components == len(grid)
+    assert (topology.components.inside[1:] == 0).all()
+
+
+def test_components_are_a_sequence_of_their_rows() -> None:
+    vertices, faces = icosphere(1)
+    topology = mesh_topology(*joined((vertices, faces[1:]), moved(torus_mesh(12, 8), 5.0)))
+    components = topology.components
+    assert len(components) == 2
+    assert [type(one) for one in components] == [SurfaceComponent] * 2
+    assert (components[0].genus, components[-1].boundary_loops) == (1, 1)
+    assert components[:1] == (components[0],)
+    assert components == tuple(components)
+    assert components != tuple(components)[::-1]
+    assert hash(components) == hash(tuple(components))
+    with pytest.raises(IndexError):
+        components[2]
+
+
+def test_a_one_sided_surface_has_no_genus_in_sum() -> None:
+    vertices, faces = torus_mesh(12, 8)
+    turned = faces.copy()
+    turned[:, :] = faces[:, ::-1]
+    assert mesh_topology(vertices, turned).inward_components == 1
+    book = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])  # three pages at one edge
+    topology = mesh_topology(np.random.default_rng(0).random((5, 3)), book)
+    assert (topology.nonmanifold_edges, topology.components.genus, topology.components[0].genus) == (1, None, None)
+
+
+@pytest.mark.parametrize("scale", [1e-200, 1e-3, 1e200])
+def test_areas_and_directions_do_not_depend_on_the_unit(scale: float) -> None:
+    vertices, faces = joined(icosphere(1, 2.0), moved((icosphere(1)[0], icosphere(1)[1][:, ::-1]), 9.0))
+    topology = mesh_topology(scale * vertices, faces)
+    assert topology.inward_components == 1
+    assert [one.area_share for one in topology.components] == pytest.approx([0.8, 0.2])

@@ -2,92 +2,102 @@
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import dataclass
+from numbers import Real
 
 import torch
 
 from topokit.adapters.implicit.files import read_network
 from topokit.adapters.implicit.function import Function, FunctionField, LevelFunction
-from topokit.adapters.implicit.surface import CONNECTIVITY, Bounds, Corner, ImplicitSurface, Settings
-from topokit.core.implicit.adaptive_grid import dense_grid
+from topokit.adapters.implicit.surface import COARSEST, Bounds, ImplicitSurface
+from topokit.core.draws import check_sample_count, deferred_seed
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.grid import Grid
+from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.errors import InputError
 from topokit.inputs.files import existing_file
 from topokit.shape import Shape
 
-_LOOK = 32  # cells of the grids that look for bounds
-_UNSTEADY = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
+_UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+_SEARCH_CELLS = 32  # of the grids on which bounds are searched
 _DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
+_N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes are recognized
+_RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
 
 def from_sdf(
     f: Function | str | os.PathLike[str],
+    *,
     bounds: Bounds | None = None,
     level: float = 0.0,
     resolution: int = 512,
     n_samples: int = 10_000,
-    *,
     field_resolution: int = 64,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface {f = level} of a function that is lower inside, such as a signed distance network.
 
-    f need not be a distance: only its sign, and where it may change, is used. All is found when it is first asked
-    for: `report()` counts χ on grids from 64 to `resolution` cells, evaluating only near the surface; `euler()` and
-    `curvature()` use samples, `euler(method="field")` the field's own grid; both are differentiable in whatever f was
-    computed from (at fixed samples' feet, by the implicit function theorem). f must not change in between.
+    f need not be a distance: only its sign is used, and where it may change. Everything is computed when it is first
+    asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface.
+    `euler()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
+    whatever f was computed from; samples move along their normals (implicit function theorem). f must not change in
+    between.
 
     Args:
-        f: any callable, `nn.Module` or not, on any device and floating type, that maps (N, 3) points to (N,) or (N, 1);
-            or the path of a TorchScript or torch.export file.
-        bounds: lowest and highest corner of the box to look in. By default [−1, 1]³, doubled up to six times while the
-            surface touches it; if that does not help, [−1, 1]³ after all.
+        f: any callable, `nn.Module` or not, compiled or not, on any device and of any floating type, that maps (N, 3)
+            points to (N,) or (N, 1); or the path of a TorchScript or torch.export file.
+        bounds: lowest and highest corner of the box that holds the surface. By default [−1, 1]³, doubled up to six
+            times while the surface touches it; if that does not help, [−1, 1]³.
         level: value of f on the surface.
         resolution: cells along the longest side of the finest grid of `report()`, at least 128; each doubling costs
             about four times as many evaluations.
         n_samples: number of samples.
-        field_resolution: cells along the longest side of the field's own grid, evaluated in full.
-        n_neighbors: k of the local half.
-        generator: source of randomness (CPU); seed 0 if None.
+        field_resolution: cells along the longest side of the field's own grid, which is evaluated everywhere.
+        n_neighbors: number of nearest neighbors.
+        generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
         ReadError: if a file is missing, malformed, or a pickle.
         InputError: if f returns the wrong shape or NaN, has no level set in the box, or has the sign of an occupancy;
-            or if the box, a resolution or n_samples makes no sense.
+            or if the box, the level, a resolution or n_samples is not usable.
 
     Example:
         >>> import topokit as tk
         >>> tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, resolution=128).report().euler
         2
     """
-    settings = Settings(resolution, n_samples, field_resolution, n_neighbors, generator)
-    return _shape(f, bounds, level, -1, settings)
+    name, function = _name_and_function(f, "sdf", "from_sdf")
+    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, n_neighbors, generator)
+    return _shape(name, function, -1, settings)
 
 
 def from_occupancy(
     f: Function | str | os.PathLike[str],
-    threshold: float = 0.5,
+    *,
     bounds: Bounds | None = None,
+    level: float = 0.5,
     resolution: int = 512,
     n_samples: int = 10_000,
-    *,
     field_resolution: int = 64,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
 ) -> Shape:
-    """The surface {f = threshold} of a function that is higher inside, such as an occupancy network.
+    """The surface {f = level} of a function that is higher inside, such as an occupancy network.
 
     Args:
-        f: as for `from_sdf`. For probabilities 0.5 is the usual threshold, for logits 0.
-        threshold: value of f on the surface.
+        f: as for `from_sdf`.
         bounds: as for `from_sdf`.
+        level: value of f on the surface: 0.5 for probabilities, 0 for logits.
         resolution: as for `from_sdf`.
         n_samples: number of samples.
         field_resolution: as for `from_sdf`.
-        n_neighbors: k of the local half.
-        generator: source of randomness (CPU); seed 0 if None.
+        n_neighbors: number of nearest neighbors.
+        generator: as for `from_sdf`.
 
     Raises:
         ReadError, InputError: as for `from_sdf`.
@@ -98,48 +108,79 @@ def from_occupancy(
         >>> tk.from_occupancy(ball, resolution=128).report().euler
         2
     """
-    settings = Settings(resolution, n_samples, field_resolution, n_neighbors, generator)
-    return _shape(f, bounds, threshold, 1, settings)
+    name, function = _name_and_function(f, "occupancy", "from_occupancy")
+    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, n_neighbors, generator)
+    return _shape(name, function, 1, settings)
 
 
-def _shape(source: object, bounds: Bounds | None, level: float, sign: int, settings: Settings) -> Shape:
-    name, f = _opened(source, sign)
-    low, high = _checked_bounds(bounds) if bounds is not None else ((-1.0,) * 3, (1.0,) * 3)
-    generator = torch.Generator().manual_seed(0)
-    middle = torch.tensor(low).double(), torch.tensor(high).double()
-    probe = middle[0] + (middle[1] - middle[0]) * torch.rand(5, 3, generator=generator, dtype=torch.float64)
-    function = LevelFunction(f, level, sign, name, probe)
+@dataclass(frozen=True)
+class _Settings:
+    """The keywords of `from_sdf` and `from_occupancy`.
+
+    Raises:
+        InputError: if one of them is not usable.
+    """
+
+    bounds: Bounds | None
+    level: float
+    resolution: int
+    n_samples: int
+    field_resolution: int
+    n_neighbors: int
+    generator: torch.Generator | None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.level, Real) or not math.isfinite(self.level):
+            raise InputError(f"level must be a finite number, got {self.level!r}.")
+        if self.resolution < 2 * COARSEST:
+            raise InputError(f"resolution is {self.resolution}; it must be at least {2 * COARSEST}.")
+        if self.field_resolution < 8:
+            raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
+        check_sample_count(self.n_samples, self.n_neighbors)
+
+
+def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
+    bounds = _UNIT_CUBE if settings.bounds is None else _as_bounds(settings.bounds)
+    function = LevelFunction(f, settings.level, sign, name, _probes(bounds))
     notes: tuple[str, ...] = ()
-    if bounds is None:
-        low, high, notes = _grown(function)
+    if settings.bounds is None:
+        bounds, notes = _find_bounds(function)
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
-    surface = ImplicitSurface(function, low, high, settings)
-    field = FunctionField(function, low, high, settings.field_resolution, CONNECTIVITY)
+    seed = deferred_seed(settings.generator)
+    surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed)
+    field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
     return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)
 
 
-def _opened(source: object, sign: int) -> tuple[str, Function]:
-    caller = "from_sdf" if sign < 0 else "from_occupancy"
+def _probes(bounds: Bounds) -> torch.Tensor:
+    """Random points (5, 3) in the box for the first call."""
+    low, high = torch.tensor(bounds, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(0)
+    return low + (high - low) * torch.rand(_N_PROBES, 3, generator=generator, dtype=torch.float64)
+
+
+def _name_and_function(source: object, kind: str, caller: str) -> tuple[str, Function]:
+    """The file's name and the network in it, or `kind` and the callable itself."""
     if isinstance(source, str | os.PathLike):
         path = existing_file(source)
         return path.name, read_network(path)
     if isinstance(source, torch.nn.Module) and source.training:
-        unsteady = sorted({type(part).__name__ for part in source.modules() if isinstance(part, _UNSTEADY)})
-        if unsteady:
+        random = {type(part).__name__ for part in source.modules() if isinstance(part, _RANDOM_IN_TRAINING)}
+        if random:
             raise InputError(
-                f"the network is in training mode and has {', '.join(unsteady)}, so its values depend on chance or on "
-                "the other points of a batch: call .eval() on it first."
+                f"the network is in training mode and has {', '.join(sorted(random))}, so its values depend on chance "
+                "or on the other points of a batch: call .eval() on it first."
             )
     if not callable(source):
         raise InputError(
             f"{caller} got {type(source).__name__}; expected a callable on (N, 3) tensors or the path of a network. "
             "For values on a grid use topokit.from_voxels."
         )
-    return ("sdf" if sign < 0 else "occupancy"), source
+    return kind, source
 
 
-def _checked_bounds(bounds: Bounds) -> Bounds:
+def _as_bounds(bounds: object) -> Bounds:
     try:
         corners = torch.tensor(bounds, dtype=torch.float64)
     except (TypeError, ValueError) as error:
@@ -150,13 +191,13 @@ def _checked_bounds(bounds: Bounds) -> Bounds:
     return low, high
 
 
-def _grown(function: LevelFunction) -> tuple[Corner, Corner, tuple[str, ...]]:
-    """The smallest of the boxes [−2ᵏ, 2ᵏ]³ inside which the surface lies, or [−1, 1]³."""
-    for doubling in range(_DOUBLINGS + 1):
-        side = float(2**doubling)
-        values = dense_grid(function.without_graph, (-side,) * 3, (side,) * 3, _LOOK).values
+def _find_bounds(function: LevelFunction) -> tuple[Bounds, tuple[str, ...]]:
+    """The smallest of the boxes [−2ᵏ, 2ᵏ]³ that holds the surface, else [−1, 1]³; and a note unless it is that one."""
+    for side in (float(2**doubling) for doubling in range(_DOUBLINGS + 1)):
+        bounds = (-side, -side, -side), (side, side, side)
+        values = dense_field(function.without_graph, Grid.covering(*bounds, _SEARCH_CELLS)).values
         touches = any(any(pair) for pair in reached_faces(values))
         if bool((values > 0).any()) and not touches:
-            note = (f"The surface does not fit into [−1, 1]³; it was looked for in [−{side:g}, {side:g}]³.",)
-            return (-side,) * 3, (side,) * 3, note if doubling else ()
-    return (-1.0,) * 3, (1.0,) * 3, ()
+            note = f"The surface does not fit into [−1, 1]³; it was looked for in [−{side:g}, {side:g}]³."
+            return bounds, (note,) if side > 1 else ()
+    return _UNIT_CUBE, ()

@@ -1,4 +1,4 @@
-"""How networks are recognised, without importing torch."""
+"""How networks are recognized, without importing torch."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from topokit.inputs.files import ZIP, head
 from topokit.plugins.adapter import Adapter
 
 
-class Sdf(Adapter):
-    """Signed distance networks; see `topokit.from_sdf`."""
-
-    name = "sdf"
-    description = "signed distance networks saved by torch.jit or torch.export"
-    suffixes = (".pt", ".pth", ".pt2", ".ts")
-    opener = "topokit.adapters.implicit.adapter:from_sdf"
-
-    def can_open(self, source: Path) -> bool:
-        start = head(source)
-        return start.startswith(ZIP) and b".pkl" in start
+def is_network(source: Path) -> bool:
+    """Whether the content is an archive of torch."""
+    start = head(source)
+    return start.startswith(ZIP) and b".pkl" in start
 
 
-class Occupancy(Adapter):
-    """Occupancy networks, whose files look like those of distance networks: by name only; see `from_occupancy`."""
-
-    name = "occupancy"
-    description = 'occupancy networks, saved as above; load(path, adapter="occupancy")'
-    suffixes = ()
-    opener = "topokit.adapters.implicit.adapter:from_occupancy"
+SDF = Adapter(
+    name="sdf",
+    description="signed distance networks saved by torch.jit or torch.export",
+    suffixes=(".pt", ".pth", ".pt2", ".ts"),
+    can_open=is_network,
+    opener="topokit.adapters.implicit.adapter:from_sdf",
+)
+OCCUPANCY = Adapter(
+    name="occupancy",
+    description='occupancy networks; their files look like those of "sdf", so name them: adapter="occupancy"',
+    suffixes=(),
+    opener="topokit.adapters.implicit.adapter:from_occupancy",
+)

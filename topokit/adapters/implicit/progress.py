@@ -1,46 +1,46 @@
-"""A line on stderr while a network is being evaluated, where somebody is looking and has waited a while."""
+"""A progress bar for the evaluation of networks: on terminals and in notebooks, after three seconds."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
-from topokit.adapters.implicit.function import LevelFunction
-from topokit.core.implicit.adaptive_grid import FieldGrid
+from topokit.core.grid.grid import Grid
+from topokit.core.implicit.adaptive_grid import Progress, no_progress
 
 _PATIENCE = 3.0  # seconds before anything is shown
-_WIDTH = 24
 
 
 @contextmanager
-def progress(function: LevelFunction, finest: int) -> Iterator[Callable[[FieldGrid], None]]:
-    """Show how far the grids up to `finest` cells have come, while their evaluations run.
+def progress_bar(name: str, finest: int) -> Iterator[Progress]:
+    """What to call after each block of points; the bar disappears at the end.
 
-    The work is guessed from the last grid: halving the step takes about four times as many evaluations.
+    Args:
+        name: of the function.
+        finest: cells along the longest side of the last grid.
     """
-    if not sys.stderr.isatty():
-        yield lambda grid: None
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    console = Console(stderr=True)
+    if not (sys.stderr.isatty() or console.is_jupyter):
+        yield no_progress
         return
-    started, state = time.perf_counter(), {"start": 0, "expected": 0, "cells": 0}
-    ask = function.f
+    started = time.perf_counter()
+    bar = Bar(TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), console=console, transient=True)
+    task = bar.add_task(name)
 
-    def shown(points):  # type: ignore[no-untyped-def]
-        if time.perf_counter() - started > _PATIENCE and state["expected"]:
-            share = min(1.0, (function.n_evaluations - state["start"]) / state["expected"])
-            bar = ("█" * round(share * _WIDTH)).ljust(_WIDTH, "░")
-            sys.stderr.write(f"\r{function.name}: grid of {2 * state['cells']} cells (last: {finest}) {bar}")
-            sys.stderr.flush()
-        return ask(points)
+    def show(grid: Grid, done: int, total: int) -> None:
+        bar.update(
+            task, description=f"{name}: grid of {grid.n_cells} cells (last: {finest})", completed=done, total=total
+        )
+        if time.perf_counter() - started > _PATIENCE:
+            bar.start()
 
-    def advance(grid: FieldGrid) -> None:
-        done = function.n_evaluations
-        state.update(start=done, expected=4 * max(done - state["start"], 1), cells=grid.n_cells)
-
-    function.f = shown
     try:
-        yield advance
+        yield show
     finally:
-        function.f = ask
-        sys.stderr.write("\r\x1b[K")
+        bar.stop()

@@ -1,105 +1,79 @@
-"""The level set of a function in a box: its samples, its integer and what to say about it."""
+"""The level set of a function in a box: its samples and its counted answer."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from topokit.adapters.implicit.function import FunctionField, LevelFunction, outward
-from topokit.adapters.implicit.progress import progress
-from topokit.core.grid.surfaces import grid_surfaces
-from topokit.core.implicit.adaptive_grid import FieldGrid, dense_grid, refine
-from topokit.core.implicit.convergence import settle
-from topokit.core.implicit.level_set import ImplicitPoint, grid_starts, implicit_curvature, project
+from topokit.adapters.implicit.function import LevelFunction, outward_normals, uncompiled
+from topokit.adapters.implicit.progress import progress_bar
+from topokit.core.components import Corner
+from topokit.core.grid.components import grid_surfaces
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.grid import Grid
+from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
+from topokit.core.implicit.convergence import convergence_study
+from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, project
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.report.function import function_answer
 from topokit.report.report import CountedAnswer
-from topokit.shape import Shape
 
-Corner = tuple[float, float, float]
 Bounds = tuple[Corner, Corner]
-CONNECTIVITY = 6  # of the shape's field; the integer is asked for in both
-_COARSEST = 64  # cells of the grid that is evaluated at every point
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the user asked for; see `topokit.from_sdf`.
-
-    Raises:
-        InputError: if a number makes no sense.
-    """
-
-    resolution: int
-    n_samples: int
-    field_resolution: int
-    n_neighbors: int
-    generator: torch.Generator | None
-
-    def __post_init__(self) -> None:
-        if self.resolution < 2 * _COARSEST:
-            raise InputError(f"resolution is {self.resolution}; it must be at least {2 * _COARSEST}.")
-        if self.field_resolution < 8:
-            raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
-        if self.n_samples <= self.n_neighbors:
-            raise InputError(
-                f"n_samples is {self.n_samples}; it must be larger than n_neighbors, which is {self.n_neighbors}."
-            )
+COARSEST = 64  # cells of the grid that is evaluated at every vertex
+_DRAWS = 4  # at most, of samples where projection has failed
 
 
 class ImplicitSurface:
-    """What can be found out about the zero set of a function in a box; nothing is done twice."""
+    """The zero set of a function in a box; its coarsest grid serves both samples and counts.
 
-    def __init__(self, function: LevelFunction, low: Corner, high: Corner, settings: Settings) -> None:
-        self.function, self.low, self.high, self.settings = function, low, high, settings
-        self._coarse: FieldGrid | None = None
-        self._refined: FieldGrid | None = None
+    Args:
+        function: positive inside.
+        bounds: lowest and highest corner of the box.
+        resolution: cells along the longest side of the finest grid for counting.
+        n_samples: number of samples.
+        seed: of the samples.
+    """
 
-    def coarse(self) -> FieldGrid:
-        """The grid that is evaluated in full.
-
-        Raises:
-            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not.
-        """
-        if self._coarse is None:
-            self._coarse = dense_grid(self.function.without_graph, self.low, self.high, _COARSEST)
-            _check_signs(self._coarse.values, self.function, self.low, self.high)
-        return self._coarse
+    def __init__(self, function: LevelFunction, bounds: Bounds, resolution: int, n_samples: int, seed: int) -> None:
+        self.function = function
+        self.bounds = bounds
+        self.resolution = resolution
+        self.n_samples = n_samples
+        self.seed = seed
+        self._coarsest: AdaptiveField | None = None
 
     def samples(self) -> SurfaceSamples:
         """Area-weighted points on the zero set with outward normals, both differentiable in f's weights.
 
         Raises:
-            InputError: as for `coarse`.
+            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not.
         """
-        grid = self._refined = self._refined or refine(self.coarse(), self.function.without_graph)
-        points, fallback = self._points(grid)
+        points, grid_normals = self._projected_points()
         _, gradient = self.function.value_and_gradient(points)
-        with torch.enable_grad():
+        with torch.enable_grad(), uncompiled():
             value = self.function(points)
             if not value.requires_grad:
-                return _at_least_float32(points, outward(gradient, fallback))
-            flat = (gradient == 0).all(-1)
-            moved = ImplicitPoint.apply(
-                torch.where(flat, value.detach() * 0, value), points, torch.where(flat[:, None], 1.0, gradient)
-            )
+                return _at_least_float32(points, outward_normals(gradient, grid_normals))
+            moved = implicit_point(value, points, gradient)
             _, slope = self.function.value_and_gradient(moved, create_graph=True)
-            return _at_least_float32(moved, outward(slope, fallback))
+            return _at_least_float32(moved, outward_normals(slope, grid_normals))
 
-    def _points(self, grid: FieldGrid) -> tuple[Tensor, Tensor]:
-        """Projected points, and the grid's normals at them; places where projection fails are drawn anew."""
-        generator = self.settings.generator or torch.Generator().manual_seed(0)
+    def _projected_points(self) -> tuple[Tensor, Tensor]:
+        """Points on the zero set, and the grid's normals there; points whose projection fails are drawn again."""
+        with progress_bar(self.function.name, 2 * COARSEST) as progress:
+            field = refine_grid(self._coarsest_field(progress), self.function.without_graph, progress)
+        generator = torch.Generator().manual_seed(self.seed)
         kept: list[tuple[Tensor, Tensor]] = []
-        missing = self.settings.n_samples
-        for _ in range(4):
+        missing = self.n_samples
+        for _ in range(_DRAWS):
             starts, normals = (
-                t.to(self.function.device, self.function.dtype) for t in grid_starts(grid, missing, generator)
+                values.to(self.function.device, self.function.dtype)
+                for values in area_weighted_starts(field.values, field.grid, missing, generator)
             )
-            points, is_on = project(self.function.value_and_gradient, starts, normals, 2 * grid.step)
+            points, is_on = project(self.function.value_and_gradient, starts, normals, 2 * field.grid.step)
             kept.append((points[is_on], normals[is_on]))
             missing -= int(is_on.sum())
             if missing == 0:
@@ -108,46 +82,38 @@ class ImplicitSurface:
         return points, normals
 
     def answer(self) -> CountedAnswer:
-        """The integer, from grids that are refined to the shape's resolution."""
+        """The integer, from grids that are refined up to the resolution.
+
+        Raises:
+            InputError: as for `samples`.
+        """
         started = time.perf_counter()
-        function, finest = self.function, self.settings.resolution
-        with progress(function, finest) as advance:
-            found = settle(self.coarse(), function.without_graph, finest, advance)
-        components = grid_surfaces(found.grid.values > 0, CONNECTIVITY, found.grid.spacing, found.grid.origin)
-        return function_answer(found, components, self.low, self.high, time.perf_counter() - started)
+        with progress_bar(self.function.name, self.resolution) as progress:
+            coarsest = self._coarsest_field(progress)
+            study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress)
+        components = grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.field.grid)
+        return function_answer(study, components, *self.bounds, time.perf_counter() - started)
+
+    def _coarsest_field(self, progress: Progress) -> AdaptiveField:
+        """The field on the coarsest grid, evaluated at every vertex, once."""
+        if self._coarsest is None:
+            field = dense_field(self.function.without_graph, Grid.covering(*self.bounds, COARSEST), progress)
+            _check_signs(field.values, self.function, self.bounds)
+            self._coarsest = field
+        return self._coarsest
 
 
 def _at_least_float32(points: Tensor, normals: Tensor) -> SurfaceSamples:
-    """Half precision is enough for some networks, but not for differences of neighbouring points."""
+    """Half precision is enough for some networks, but not for differences of neighboring points."""
     dtype = torch.promote_types(points.dtype, torch.float32)
     return SurfaceSamples(points.to(dtype), normals.to(dtype))
 
 
-def analytic_curvature(shape: Shape) -> tuple[Tensor, Tensor]:
-    """K and H at the samples of a `from_sdf` or `from_occupancy` shape, from the Hessian of its function.
-
-    A second source beside `shape.curvature()`, without neighbours; meaningful where the function is twice
-    differentiable (not for ReLU networks, whose Hessian vanishes almost everywhere).
-
-    Returns:
-        K (N,) in 1/length² and H (N,) in 1/length, positive where the surface bends towards its inside; detached.
-
-    Raises:
-        InputError: if the shape was not made from a function.
-    """
-    if not isinstance(shape.field, FunctionField):
-        raise InputError(f"{shape.name} was not made by from_sdf or from_occupancy, so it has no Hessian.")
-    function = shape.field.function
-    points = shape.samples.points.detach().to(function.dtype)
-    _, gradient = function.value_and_gradient(points)
-    return implicit_curvature(-gradient, -function.hessian(points))
-
-
-def _check_signs(values: Tensor, function: LevelFunction, low: Corner, high: Corner) -> None:
+def _check_signs(values: Tensor, function: LevelFunction, bounds: Bounds) -> None:
     inside = values > 0
-    raw = function.sign * values[values.isfinite()].double() + function.level
-    least, most = (f"{float(x):.4g}" for x in raw.aminmax()) if len(raw) else ("−∞", "∞")
-    box = f"the box {_corner(low)} … {_corner(high)}"
+    finite = function.sign * values[values.isfinite()].double() + function.level
+    least, most = (f"{float(x):.4g}" for x in finite.aminmax()) if len(finite) else ("−∞", "∞")
+    box = "the box " + " … ".join("(" + ", ".join(f"{x:g}" for x in corner) + ")" for corner in bounds)
     if not inside.any() or inside.all():
         side = "outside" if not inside.any() else "inside"
         raise InputError(
@@ -157,15 +123,9 @@ def _check_signs(values: Tensor, function: LevelFunction, low: Corner, high: Cor
     border = torch.ones_like(inside)
     border[1:-1, 1:-1, 1:-1] = False
     if inside[border].all():
-        lower = function.sign < 0
-        other = "from_occupancy(f, threshold=level)" if lower else "from_sdf(f, level=threshold)"
+        side, other = ("below", "from_occupancy") if function.sign < 0 else ("above", "from_sdf")
         raise InputError(
-            f"The sign of {function.name} looks inverted: all of the border of {box} is "
-            f"{'below' if lower else 'above'} {function.level:g}, which means inside, and only a part of its middle is "
-            f"outside. Use {other}, pass "
-            "lambda x: -f(x) with −level, or, if the box lies inside the solid, larger bounds."
+            f"The sign of {function.name} looks inverted: all of the border of {box} is {side} {function.level:g}, "
+            "which means inside, and only a part of its middle is outside. Use "
+            f"{other}(f, level={function.level:g}), or, if the box lies inside the solid, larger bounds."
         )
-
-
-def _corner(values: Corner) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in values) + ")"

@@ -1,31 +1,34 @@
-"""How meshes are recognised, without importing what reads them."""
+"""How triangle meshes are recognized; nothing that reads them is imported here."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-from topokit.inputs.files import ZIP, head, ply_kind
+from topokit.inputs.files import ZIP, head
+from topokit.inputs.ply_header import ply_kind
 from topokit.plugins.adapter import Adapter
 
 
-class Mesh(Adapter):
-    """Triangle meshes; see `topokit.from_mesh`."""
+def is_mesh(source: Path) -> bool:
+    """Whether the content is a mesh: 3MF, STL as text, OFF, glTF or a .ply with faces."""
+    start = head(source)
+    if start.startswith(ZIP):
+        return b"3D/" in start or b"[Content_Types].xml" in start
+    if start.startswith(b"solid"):
+        return b"facet" in start
+    is_off = re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None
+    return is_off or start.startswith(b"glTF") or ply_kind(start) == "mesh"
 
-    name = "mesh"
-    description = "triangle meshes"
-    suffixes = (".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf")
-    types = ("trimesh.Trimesh", "trimesh.Scene")
-    extra = "topokit[formats]"
-    suffix_requires = ((".3mf", "lxml"), (".3mf", "networkx"))
-    differentiable = True
-    opener = "topokit.adapters.mesh.adapter:from_mesh"
 
-    def can_open(self, source: Path) -> bool:
-        start = head(source)
-        if start.startswith(ZIP):
-            return b"3D/" in start or b"[Content_Types].xml" in start
-        if start.startswith(b"solid"):
-            return b"facet" in start
-        is_off = re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None
-        return is_off or start.startswith(b"glTF") or ply_kind(start) == "mesh"
+MESH = Adapter(
+    name="mesh",
+    description="triangle meshes",
+    suffixes=(".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf"),
+    can_open=is_mesh,
+    types=("trimesh.Trimesh", "trimesh.Scene"),
+    extra="topokit[formats]",
+    suffix_requires=((".3mf", "lxml"), (".3mf", "networkx")),
+    differentiable=True,
+    opener="topokit.adapters.mesh.adapter:from_mesh",
+)

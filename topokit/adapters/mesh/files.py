@@ -5,11 +5,14 @@ from __future__ import annotations
 import io
 import logging
 import re
+from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.mesh.polygons import fans
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading
@@ -19,7 +22,6 @@ _OF_TRIMESH = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NotImplementedError),
     *(RuntimeError, SyntaxError, TypeError),
 )
-_NOT_TOPOLOGY = re.compile(rb"^(?!\s*[vf]\s).*$|(?<=\d)/\S*", re.MULTILINE)
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -39,12 +41,12 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
     quiet = logging.getLogger("trimesh")
     level = quiet.level
-    quiet.setLevel(logging.CRITICAL)  # a missing texture is no business of topology
+    quiet.setLevel(logging.CRITICAL)  # missing textures do not matter here
     try:
         kind = _file_type(path, beginning)
         content = path if kind != "obj" else _bare_obj(path)
         with reading(path, "trimesh", *_OF_TRIMESH, extra="topokit[formats]"):
-            mesh = trimesh.load_scene(content, file_type=kind, process=False).to_mesh()
+            mesh = _flattened(trimesh.load_scene(content, file_type=kind, process=False))
             vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     finally:
         quiet.setLevel(level)
@@ -75,15 +77,26 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             "it is truncated or its header is wrong."
         )
     vertices = np.array([row[:3] for row in rows[1 : 1 + n_vertices]], dtype=np.float64).reshape(-1, 3)
-    faces: list[tuple[int, int, int]] = []
-    for row in rows[1 + n_vertices : 1 + n_vertices + n_faces]:
-        corners = [int(word) for word in row[1 : 1 + int(row[0])]]
-        if len(corners) != int(row[0]):
-            raise ReadError(f"{path}: a face announces {row[0]} corners and has {len(corners)}.")
-        faces.extend((corners[0], corners[i], corners[i + 1]) for i in range(1, len(corners) - 1))
-    if not faces:
+    polygons = [row for row in rows[1 + n_vertices : 1 + n_vertices + n_faces] if int(row[0]) > 2]
+    if not polygons:
         raise ReadError(f"{path} holds no faces. A mesh was expected; for points use topokit.from_points.")
-    return vertices, np.array(faces, dtype=np.int64)
+    counts = np.array([int(row[0]) for row in polygons])
+    short = next((row for row, count in zip(polygons, counts, strict=True) if len(row) <= count), None)
+    if short is not None:
+        raise ReadError(f"{path}: a face announces {short[0]} corners and has {len(short) - 1}.")
+    words_of_corners = chain.from_iterable(row[1 : 1 + n] for row, n in zip(polygons, counts.tolist(), strict=True))
+    return vertices, fans(np.array(list(map(int, words_of_corners)), dtype=np.int64), counts)
+
+
+def _flattened(scene: Any) -> Any:
+    """All of a scene as one `trimesh.Trimesh`; a single mesh that stays in place is not copied."""
+    nodes = scene.graph.nodes_geometry
+    if len(nodes) == 1:
+        transformation, name = scene.graph[nodes[0]]
+        only = scene.geometry[name]
+        if hasattr(only, "faces") and np.array_equal(transformation, np.eye(4)):
+            return only
+    return scene.to_mesh()
 
 
 def _bare_obj(path: Path) -> io.BytesIO:
@@ -92,7 +105,11 @@ def _bare_obj(path: Path) -> io.BytesIO:
     Faces name vertices, normals, textures and materials apart and topology goes by the vertex alone; trimesh would
     split vertices wherever any of them differs.
     """
-    return io.BytesIO(_NOT_TOPOLOGY.sub(b"", re.sub(rb"\\\r?\n", b" ", path.read_bytes())))
+    content = path.read_bytes().replace(b"\t", b" ")
+    if b"\\" in content:
+        content = re.sub(rb"\\\r?\n", b" ", content)  # continued lines
+    lines = b"\n".join(line for line in map(bytes.strip, content.split(b"\n")) if line[:2] in (b"v ", b"f "))
+    return io.BytesIO(re.sub(rb"/\S*", b"", lines) if b"/" in lines else lines)
 
 
 def _file_type(path: Path, beginning: bytes) -> str:

@@ -1,4 +1,8 @@
-"""Open3D point clouds, meshes and voxel grids as shapes."""
+"""Open3D point clouds, meshes and voxel grids as shapes.
+
+Arrays of a geometry are opened by the built-in adapters, asked for by name through the registry: adapters do not
+import each other.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +52,7 @@ def from_open3d(geometry: Any, **options: Any) -> Shape:
 
 
 def _dense(grid: Any) -> tuple[NDArray[np.bool_], tuple[float, float, float]]:
-    """The voxels as a volume with a layer of background around them, and the centre of its first cell."""
+    """The voxels as a volume with a layer of background around them, and the center of its first cell."""
     index = np.array([voxel.grid_index for voxel in grid.get_voxels()], dtype=np.int64).reshape(-1, 3)
     if len(index) == 0:
         raise InputError("the VoxelGrid has no voxels.")

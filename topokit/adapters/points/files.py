@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import LAS, TEXT, Points, is_pcd
+from topokit.adapters.points.entry import LAS, POINTS, TEXT, is_pcd
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import NUMPY, ZIP, array_shapes, head
+from topokit.inputs.files import ZIP, head
+from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.ply import ply_elements
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
@@ -41,7 +42,7 @@ def read_points(path: Path) -> Cloud:
             return points, normals
     raise ReadError(
         f"{path} is not a point file: text needs one of the suffixes {', '.join(TEXT)}, and its content is that of "
-        f"none of the other formats. Known: {', '.join(Points.suffixes)}."
+        f"none of the other formats. Known: {', '.join(POINTS.suffixes)}."
     )
 
 

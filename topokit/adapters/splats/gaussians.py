@@ -13,11 +13,12 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.splats.checkpoints import SUFFIXES, tensors_by_name
+from topokit.adapters.splats.entry import scene_file
 from topokit.adapters.splats.formats.choose import read_splats
 from topokit.core.linalg import normalize
 from topokit.errors import InputError, UnknownFormatError
 from topokit.inputs.arrays import as_floating
-from topokit.inputs.files import existing_file, file_of_folder
+from topokit.inputs.files import existing_file
 from topokit.inputs.ply import write_ply
 
 _MEANS = ("x", "y", "z")
@@ -85,7 +86,7 @@ class GaussianSplats:
                 f"{source} seems to be a trainer's checkpoint, which is a Python pickle: load it and pass its "
                 "dictionary, topokit.from_splats(torch.load(path, weights_only=True))."
             )
-        table = read_splats(existing_file(file_of_folder(source)))
+        table = read_splats(existing_file(scene_file(source)))
         return cls(*(torch.from_numpy(np.ascontiguousarray(column)) for column in table))
 
     @classmethod

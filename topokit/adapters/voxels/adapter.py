@@ -1,40 +1,50 @@
-"""Volumes: exact topology under a stated connectivity, and a field whose grey values can be trained."""
+"""Volumes: exact topology under a stated connectivity, and a field with trainable gray values."""
 
 from __future__ import annotations
 
 import os
 import time
+from numbers import Integral
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.files import Spacing, read_volume
+from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.core.grid.euler import comparable, solid_euler
+from topokit.core.components import Corner
+from topokit.core.draws import check_sample_count, deferred_seed
+from topokit.core.grid.components import grid_surfaces
+from topokit.core.grid.euler import (
+    DEFAULT_CONNECTIVITY,
+    check_connectivity,
+    comparable,
+    dual_connectivity,
+    surface_euler,
+)
 from topokit.core.grid.field import Field
-from topokit.core.grid.surfaces import grid_surfaces
+from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
+from topokit.report.wording import plural
 from topokit.shape import Shape
 
-Position = tuple[float, float, float]
-_SLAB = 16  # layers looked at together
+_SLAB = 16  # layers handled at a time
 
 
 def from_voxels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
+    *,
     spacing: float | Spacing | None = None,
     level: float | None = None,
-    connectivity: int = 26,
-    label: int | None = None,
-    *,
-    origin: Position = (0.0, 0.0, 0.0),
+    connectivity: int = DEFAULT_CONNECTIVITY,
+    label: float | None = None,
+    origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
@@ -42,9 +52,9 @@ def from_voxels(
     """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
 
     Outside the volume there is only background: objects cut by the border are closed there, and the report says so.
-    `report()` counts; `euler(method="field")` is differentiable in the grey values if these are a floating-point tensor
-    (`tau=0` gives the exact integer of χ alone, in little more than the volume's own memory). `curvature()` and
-    `euler()` use samples of the volume smoothed over one voxel; these are not differentiable.
+    `report()` counts. The smoothed χ is differentiable in the gray values if these are a floating-point tensor; with
+    τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `euler()` use samples of the
+    volume smoothed over one voxel; these are not differentiable.
 
     Args:
         volume: (X, Y, Z) tensor or array of any real type, or a path (.npy .npz .nii .nii.gz .nrrd .tif). Not copied
@@ -54,16 +64,16 @@ def from_voxels(
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
             has the other one. On real volumes the two answers differ grossly.
         label: voxels equal to it are inside; then there is no level.
-        origin: position of the centre of the first voxel, in the units of the spacing.
+        origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
-        n_neighbors: k of the local half.
-        generator: source of randomness (CPU); seed 0 if None.
+        n_neighbors: number of nearest neighbors.
+        generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
         ReadError: if the file is missing or malformed.
         MissingDependencyError: if the file's reader is not installed.
-        InputError: on wrong shapes, types, spacing, origin or connectivity, if a level is needed, or if no voxel is
-            inside.
+        InputError: on wrong shapes, types, spacing, origin, level, label or connectivity, if a level is needed, or if
+            no voxel is inside.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -72,27 +82,27 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, stored = "voxels", None
+    name, file_spacing = "voxels", None
     if isinstance(volume, str | os.PathLike):
         path = existing_file(volume)
-        name, (volume, stored) = path.name, read_volume(path)
-    values = _tensor(volume)
-    steps = _spacing(stored if spacing is None else spacing)
-    first = _position(origin)
-    if connectivity not in (6, 26):
-        raise InputError(f"connectivity must be 6 or 26, got {connectivity!r}.")
-    if n_samples <= n_neighbors:
-        raise InputError(f"n_samples is {n_samples}; it must be larger than n_neighbors, which is {n_neighbors}.")
-    level, notes = _level(values, level, label)
-    field = VoxelField(values, level, label, steps, connectivity, first)
-    if not field.is_anything_inside():
+        name, (volume, file_spacing) = path.name, read_volume(path)
+    values = _as_volume(volume)
+    x, y, z = values.shape
+    grid = Grid((x, y, z), _as_spacing(file_spacing if spacing is None else spacing), _as_position(origin))
+    check_connectivity(connectivity)
+    check_sample_count(n_samples, n_neighbors)
+    level = None if level is None else _as_number("level", level)
+    label = None if label is None else _as_number("label", label)
+    level, notes = _level_and_notes(values, level, label)
+    field = VoxelField(values, level, label, grid, connectivity)
+    if not field.has_inside():
         wanted = f"equals the label {label}" if label is not None else f"is above the level {level:g}"
         low, high = _range(values)
         raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
-    generator = generator or torch.Generator().manual_seed(0)
+    seed = deferred_seed(generator)
     return Shape(
-        lambda: volume_samples(field.values().detach(), steps, first, n_samples, generator),
-        lambda: _answer(field),
+        lambda: volume_samples(field.detached(), grid, n_samples, torch.Generator().manual_seed(seed)),
+        lambda: _count(field),
         field=field,
         name=name,
         notes=notes,
@@ -101,46 +111,59 @@ def from_voxels(
 
 
 class VoxelField(Field):
-    """Grey values minus their level, or +½ and −½ where the volume is binary or a label is asked for."""
+    """Gray values minus their level, or +½ and −½ for a binary volume or a label."""
 
-    def __init__(
-        self,
-        volume: Tensor,
-        level: float,
-        label: int | None,
-        spacing: Spacing,
-        connectivity: int,
-        origin: Position = (0.0, 0.0, 0.0),
-    ) -> None:
-        super().__init__(origin, spacing, tuple(volume.shape), connectivity)
+    def __init__(self, volume: Tensor, level: float, label: float | None, grid: Grid, connectivity: int) -> None:
+        """Args: volume (X, Y, Z); level or label: what is inside; grid: voxel centers; connectivity: 6 or 26."""
+        super().__init__(grid, connectivity)
         self.volume, self.level, self.label = volume, level, label
         self.is_binary = label is not None or volume.dtype == torch.bool
 
     def inside(self) -> Tensor:
         """(X, Y, Z) bool."""
-        return self.volume == self.label if self.label is not None else self.volume.detach() > self.level
+        return self._is_inside(self.volume)
 
-    def is_anything_inside(self) -> bool:
-        """Whether the solid has a voxel; looks at a few layers at a time."""
-        parts = torch.split(self.volume.detach(), _SLAB)
-        return any(bool((part == self.label if self.label is not None else part > self.level).any()) for part in parts)
+    def has_inside(self) -> bool:
+        """Whether the solid has a voxel; handles a few layers at a time."""
+        return any(bool(self._is_inside(part).any()) for part in self.volume.split(_SLAB))
 
     def values(self) -> Tensor:
         """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
-        if self.is_binary:
-            return self.inside().to(torch.get_default_dtype()) - 0.5
-        grey = self.volume if self.volume.is_floating_point() else self.volume.to(torch.get_default_dtype())
-        return torch.where(grey.isnan(), -torch.inf, grey) - self.level
+        return self._field_of(self.volume)
+
+    def values_at(self, vertices: Tensor) -> Tensor:
+        """See `Field.values_at`."""
+        x, y, z = vertices.unbind(1)
+        return self._field_of(self.volume[x, y, z])
 
     def exact_euler(self, connectivity: int | None = None) -> Tensor:
         """See `Field.exact_euler`; counted on the volume as it is, without a copy in floating point."""
         connectivity = connectivity or self.connectivity
         if self.label is not None:
-            return 2 * solid_euler(self.inside(), 0, connectivity)
-        return 2 * solid_euler(self.volume.detach(), self.level, connectivity)
+            return surface_euler(self.inside(), 0, connectivity)
+        return surface_euler(self.volume.detach(), self.level, connectivity)
+
+    def _is_inside(self, voxels: Tensor) -> Tensor:
+        return voxels == self.label if self.label is not None else voxels.detach() > self.level
+
+    def _field_of(self, voxels: Tensor) -> Tensor:
+        if self.is_binary:
+            return self._is_inside(voxels).to(torch.get_default_dtype()) - 0.5
+        gray = voxels if voxels.is_floating_point() else voxels.to(torch.get_default_dtype())
+        return torch.where(gray.isnan(), -torch.inf, gray) - self.level
 
 
-def _tensor(volume: object) -> Tensor:
+def _count(field: VoxelField) -> CountedAnswer:
+    started = time.perf_counter()
+    euler = int(field.exact_euler())
+    seconds = time.perf_counter() - started
+    inside = field.inside()
+    components = grid_surfaces(inside, field.connectivity, field.grid)
+    other_euler = int(field.exact_euler(dual_connectivity(field.connectivity)))
+    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
+
+
+def _as_volume(volume: object) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
     if values.ndim != 3 or values.numel() == 0:
         raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(values.shape)}.")
@@ -149,7 +172,7 @@ def _tensor(volume: object) -> Tensor:
     return comparable(values)
 
 
-def _spacing(spacing: float | Spacing | None) -> Spacing:
+def _as_spacing(spacing: float | Spacing | None) -> Spacing:
     try:
         steps = np.broadcast_to(np.asarray(1.0 if spacing is None else spacing, dtype=float), 3)
     except (TypeError, ValueError) as error:
@@ -159,7 +182,7 @@ def _spacing(spacing: float | Spacing | None) -> Spacing:
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
-def _position(origin: Position) -> Position:
+def _as_position(origin: Corner) -> Corner:
     try:
         x, y, z = (float(value) for value in origin)
     except (TypeError, ValueError) as error:
@@ -169,30 +192,39 @@ def _position(origin: Position) -> Position:
     return x, y, z
 
 
-def _level(values: Tensor, level: float | None, label: int | None) -> tuple[float, tuple[str, ...]]:
-    """The level to use, and what is to be said about it."""
+def _as_number(name: str, value: object) -> float:
+    if isinstance(value, Integral):
+        return int(value)
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{name} must be one number, got {value!r}.") from error
+
+
+def _level_and_notes(values: Tensor, level: float | None, label: float | None) -> tuple[float, tuple[str, ...]]:
+    """The level to use, and sentences for the report."""
     if label is not None:
         if level is not None:
             raise InputError(f"both level={level} and label={label} were given; one of them says what is inside.")
         return 0.0, (f"The solid is the voxels with label {label}.",)
-    notes = []
-    if values.is_floating_point():
-        n_broken = sum(int(part.isnan().sum()) for part in torch.split(values.detach(), _SLAB))
-        if n_broken:
-            notes.append(f"{n_broken} voxels are NaN; they count as background.")
-    if level is not None:
-        return float(level), tuple(notes)
-    if values.dtype == torch.bool:
-        return 0.0, tuple(notes)
+    if level is None:
+        level = 0.0 if values.dtype == torch.bool else _level_of_binary(values)
+    n_nan = sum(int(part.isnan().sum()) for part in values.detach().split(_SLAB)) if values.is_floating_point() else 0
+    return level, (f"NaN counts as background, in {plural(n_nan, 'voxel')}.",) if n_nan else ()
+
+
+def _level_of_binary(values: Tensor) -> float:
+    """Half of the higher one of two values of which the lower one is 0."""
     low, high = _range(values)
-    if low < 0 or any(
-        bool(((part != 0) & (part != high) & ~part.isnan()).any()) for part in torch.split(values, _SLAB)
-    ):
+    is_binary = low >= 0 and all(
+        bool(((part == 0) | (part == high) | part.isnan()).all()) for part in values.detach().split(_SLAB)
+    )
+    if not is_binary:
         raise InputError(
             f"the volume has more than the two values of a binary one, from {low:g} to {high:g}: pass level=… "
-            f"(inside is above it; {(low + high) / 2:g} would be half-way) or, for a labelled volume, label=…"
+            f"(inside is above it; {(low + high) / 2:g} would be half-way) or, for a labeled volume, label=…"
         )
-    return high / 2, tuple(notes)
+    return high / 2
 
 
 def _range(values: Tensor) -> tuple[float, float]:
@@ -201,13 +233,3 @@ def _range(values: Tensor) -> tuple[float, float]:
     if not parts:
         raise InputError("all voxels are NaN.")
     return float(min(part.min() for part in parts)), float(max(part.max() for part in parts))
-
-
-def _answer(field: VoxelField) -> CountedAnswer:
-    started = time.perf_counter()
-    euler = int(field.exact_euler())
-    seconds = time.perf_counter() - started
-    inside = field.inside()
-    components = grid_surfaces(inside, field.connectivity, field.spacing, field.origin)
-    other_euler = int(field.exact_euler(32 - field.connectivity))
-    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.entry import NRRD, TIFF, Voxels, is_nifti
+from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
+from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import GZIP, NUMPY, ZIP, array_shapes, head, unpacked_head
+from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
+from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.reading import reading
 
-Spacing = tuple[float, float, float]
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
 
@@ -40,7 +41,7 @@ def _reader(path: Path) -> Callable[[Path], Volume]:
     for looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
             return reader
-    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(Voxels.suffixes)}.")
+    raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
 
 
 def _read_npy(path: Path) -> Volume:

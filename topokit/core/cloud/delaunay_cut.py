@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
+from topokit.core.labels import connected_labels, count_distinct
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -58,13 +59,13 @@ class DelaunayComplex:
 
 @dataclass(frozen=True)
 class CutWeights:
-    """What a unit of separating area costs: for itself, for facing against the normals, for its spheres; and the sides.
+    """Weights of the terms of the cut's energy, per unit of separating area.
 
     Attributes:
-        area: per unit of area.
-        normal: per unit of area that faces against the samples' normals.
-        sphere: per unit of area whose empty spheres are centered on it.
-        side: for a tetrahedron on the wrong side of its vertices' normals, per unit of its surface.
+        area: of the area itself.
+        normal: of area that faces against the samples' normals.
+        sphere: of area whose empty spheres are centered on it.
+        side: of a tetrahedron on the wrong side of its vertices' normals, per unit of its surface.
     """
 
     area: float = 0.5
@@ -127,7 +128,7 @@ def delaunay_complex(points: Floats, spacing: float) -> DelaunayComplex:
 
 
 def _circumcenter_offsets(corner: Floats) -> Floats:
-    """Circumcenters of (T, 4, 3) relative to the first corner, by Cramer's rule; for slivers the centroid stands in."""
+    """Circumcenters of (T, 4, 3) relative to the first corner, by Cramer's rule; for slivers the centroid."""
     a, b, c = (corner[:, k] - corner[:, 0] for k in (1, 2, 3))
     bc, ca, ab = np.cross(b, c), np.cross(c, a), np.cross(a, b)
     determinant = 2 * (a * bc).sum(1)
@@ -138,7 +139,7 @@ def _circumcenter_offsets(corner: Floats) -> Floats:
 
 
 def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights | None = None) -> Cut:
-    """The labeling of least cost for given normals, by one maximum flow.
+    """The labeling of least energy for given normals, by one maximum flow.
 
     A facet f from inside to outside costs its area × (w.area + w.normal · (1 − mean f·n) / 2 + w.sphere · sphere cost);
     a label costs w.side × the tetrahedron's surface × the mean cosine between the normals and the ways from its
@@ -147,7 +148,7 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
     Args:
         complex_: tetrahedra of N points.
         normals: (N, 3), unit, outward.
-        weights: the balance of the four terms.
+        weights: of the four terms of the energy.
     """
     weights = weights or CutWeights()
     tetrahedra, neighbors, count = complex_.tetrahedra, complex_.neighbors, len(complex_.tetrahedra)
@@ -180,12 +181,12 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
 
 
 def surface_normals(complex_: DelaunayComplex, inside: Booleans, fallback: Floats) -> tuple[Floats, Booleans]:
-    """Outward area-weighted unit normals (N, 3) of the separating surface, and at which samples it passes, (N,).
+    """Outward area-weighted unit normals (N, 3) of the separating surface, and which samples lie on it, (N,).
 
     Args:
         complex_: tetrahedra of N points.
         inside: (T,).
-        fallback: (N, 3), taken where the surface does not pass.
+        fallback: (N, 3), used for samples off the surface.
     """
     tetrahedron, corner = _separating_facets(complex_, inside)
     area = complex_.facet_area[tetrahedron, corner][:, None] * complex_.facet_normal[tetrahedron, corner]
@@ -203,14 +204,14 @@ def separating_faces(complex_: DelaunayComplex, inside: Booleans) -> Integers:
 
 
 def _separating_facets(complex_: DelaunayComplex, inside: Booleans) -> tuple[Integers, Integers]:
-    """Tetrahedra inside with an outside across the facet opposite to `corner`."""
+    """Inside tetrahedra whose facet opposite to `corner` borders the outside."""
     beyond = np.append(inside, False)[complex_.neighbors]  # index −1 is the appended outside
     tetrahedron, corner = np.nonzero(inside[:, None] & ~beyond)
     return tetrahedron, corner
 
 
 def solid_eulers(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
-    """Euler characteristic of the solid, read off the closed inside and off the closed outside (with infinity).
+    """Euler characteristic of the solid, counted from the closed inside and from the closed outside (with infinity).
 
     Both are bounded by one surface; where that is a manifold the numbers agree, and its own is twice each.
     """
@@ -227,17 +228,17 @@ def _closed_euler(tetrahedra: Integers) -> int:
     base = np.int64(ordered.max() + 1)
     pairs = [ordered[:, a] * base + ordered[:, b] for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))]
     triples = [(ordered[:, a] * base + ordered[:, b]) * base + ordered[:, c] for a, b, c in FACETS]
-    n_edges, n_facets = (len(np.unique(np.concatenate(keys))) for keys in (pairs, triples))
-    return len(np.unique(ordered)) - n_edges + n_facets - len(ordered)
+    n_edges, n_facets = (count_distinct(np.concatenate(keys)) for keys in (pairs, triples))
+    return count_distinct(ordered.ravel()) - n_edges + n_facets - len(ordered)
 
 
 def count_parts(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
-    """Connected parts of the solid, and its cavities: parts of the outside beside the unbounded one; through facets."""
+    """Number of components of the solid and of its cavities (bounded components of the outside), joined by facets."""
     count = len(inside)
     label = np.append(inside, False)
     here = np.broadcast_to(np.arange(count)[:, None], complex_.neighbors.shape)
     there = np.where(complex_.neighbors < 0, count, complex_.neighbors)
     same = label[here] == label[there]
-    graph = coo_matrix((np.ones(int(same.sum()), dtype=np.int8), (here[same], there[same])), shape=(count + 1,) * 2)
-    _, part = connected_components(graph, directed=False)
-    return len(np.unique(part[:count][inside])), len(np.unique(part[~label])) - 1
+    part = connected_labels(count + 1, here[same], there[same])
+    n_parts = count_distinct(part[:count][inside]) if inside.any() else 0
+    return n_parts, count_distinct(part[~label]) - 1

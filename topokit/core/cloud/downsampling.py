@@ -1,46 +1,44 @@
-"""Even thinning of large clouds, so that what is not linear in the number of points stays bounded."""
+"""Even downsampling of large clouds, which bounds the cost of steps that are not linear in the number of points."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.cloud.neighborhoods import FEWEST_POINTS, fit_planes
-from topokit.core.neighbors import nearest_neighbors
+from topokit.core.cloud.neighborhoods import FEWEST_POINTS, fit_planes, with_neighbors
+from topokit.core.labels import count_distinct
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MOST_POINTS = 30_000
-"""Clouds of up to so many points are used whole."""
+"""Clouds up to this size are used whole."""
 
 KEPT_POINTS = 20_000
-"""About so many points are left of larger ones."""
+"""Larger clouds are reduced to about this size."""
 
 
-def thin(points: Floats, areas: Floats | None = None) -> tuple[Integers, Floats | None]:
-    """Which points of a cloud to keep: all that differ, or about 20 000 of more than 30 000, evenly spread.
+def downsample(points: Floats, areas: Floats | None = None) -> tuple[Integers, Floats | None]:
+    """Indices of the points to keep: all distinct points, or about 20 000 of more than 30 000, evenly spread.
 
-    Of points in the same place the first is kept. Of large clouds space is cut into cubes, and of each cube the point
-    nearest to its middle is kept; the side of the cubes is found so that about `KEPT_POINTS` of them are not empty.
-    Deterministic.
+    Of coinciding points the first is kept. For large clouds space is divided into cubes and the point nearest to the
+    center of each cube is kept; the side is chosen so that about `KEPT_POINTS` cubes are occupied. Deterministic.
 
     Args:
         points: (N, 3), finite, not all in one place.
         areas: (N,), surface area that each point stands for.
 
     Returns:
-        Indices of the kept points, ascending, and their areas with those of the points that they stand for added.
+        Indices of the kept points, ascending, and their areas, each the sum over the points it represents.
 
     Raises:
         InputError: if fewer than 32 different points are left.
     """
     kept, inverse = _distinct(points) if len(points) <= MOST_POINTS else _one_per_cube(points)
     if len(kept) < FEWEST_POINTS:
-        raise InputError(f"{len(kept)} different points are too few to bound a solid: {FEWEST_POINTS} are needed.")
+        raise InputError(f"{len(kept)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
     ascending = np.argsort(kept)
     if areas is not None:
         areas = np.asarray(np.bincount(inverse, areas)[ascending], dtype=np.float64)
@@ -48,20 +46,20 @@ def thin(points: Floats, areas: Floats | None = None) -> tuple[Integers, Floats 
 
 
 def _distinct(points: Floats) -> tuple[Integers, Integers]:
-    """First of the points in each place, and which of them every point coincides with, (N,)."""
+    """First point at each position, and for every point the group it belongs to, (N,)."""
     _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
     return first, inverse.ravel()
 
 
 def _one_per_cube(points: Floats) -> tuple[Integers, Integers]:
-    """One point per cube, and the cube that every point lies in, (N,), in the same order."""
+    """One point per cube, and for every point the cube it lies in, (N,), in the same order."""
     low = points.min(0)
     extent = float((points.max(0) - low).max())
     smallest, largest = 0.0, extent
     side = extent / 100
     for _ in range(16):  # a surface meets about side⁻² cubes
         cube = _cubes(points - low, side)
-        n_cubes = len(np.unique(cube))
+        n_cubes = count_distinct(cube)
         if 0.9 * KEPT_POINTS <= n_cubes <= 1.1 * KEPT_POINTS:
             break
         smallest, largest = (side, largest) if n_cubes > KEPT_POINTS else (smallest, side)
@@ -76,22 +74,20 @@ def _one_per_cube(points: Floats) -> tuple[Integers, Integers]:
 
 
 def spread_signs(points: Floats, kept: Integers, normals: Floats, n_neighbors: int = 16) -> Floats:
-    """Normals for all points from oriented normals of some: each point's own plane, the nearest kept point's side.
+    """Normals for all points from the oriented normals of the kept ones: own plane, sign of the nearest kept point.
 
-    A kept point, and whatever lies in the same place, has the normal of the kept point.
+    A kept point, and every point that coincides with it, has the kept point's normal.
 
     Args:
         points: (N, 3).
         kept: (M,), indices into the points.
         normals: (M, 3), unit, outward.
-        n_neighbors: points of which a plane is made, beside its own.
+        n_neighbors: neighbors that each plane is fitted to.
 
     Returns:
         (N, 3), unit, outward.
     """
-    own = np.arange(len(points))[:, None]
-    index = np.concatenate((own, nearest_neighbors(torch.from_numpy(points), n_neighbors).numpy()), axis=1)
-    planes, _ = fit_planes(points, index)
+    planes, _ = fit_planes(points, with_neighbors(points, n_neighbors))
     distance, nearest = cKDTree(points[kept]).query(points)
     guide = normals[nearest]
     signed = planes * np.where((planes * guide).sum(1) < 0, -1.0, 1.0)[:, None]
@@ -99,7 +95,7 @@ def spread_signs(points: Floats, kept: Integers, normals: Floats, n_neighbors: i
 
 
 def _cubes(offsets: Floats, side: float) -> Integers:
-    """Number of the cube that each point (N, 3) lies in."""
+    """Index of the cube that each point (N, 3) lies in."""
     cell = (offsets / side).astype(np.int64)
     n_x, n_y, _ = cell.max(0) + 1
     return np.asarray((cell[:, 2] * n_y + cell[:, 1]) * n_x + cell[:, 0])

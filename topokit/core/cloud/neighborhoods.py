@@ -1,7 +1,8 @@
-"""What the neighbors of a sample say about its surface: planes, areas and noise, before and after normals are known."""
+"""Neighborhoods of samples: fitted planes, areas, noise and sheets that lie close together."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +16,13 @@ from topokit.errors import InputError
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_ROWS = 1 << 15  # samples whose neighborhoods are held at once
+_ROWS = 1 << 15  # samples whose neighborhoods are in memory at once
+_NEAREST = 16  # neighbors for planes, areas and the comparison of normals
+_WIDE = 39  # neighbors among which opposite sheets are looked for
+_OPPOSITE = -0.5  # cosine below which two normals belong to opposite sheets
+_SAME_SHEET = 0.3  # cosine above which two normals belong to the same sheet
 FEWEST_POINTS = 32
-"""Fewer samples bound no solid that anything could be said about."""
+"""Smallest number of samples for which a solid is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +31,16 @@ class LocalGeometry:
 
     Attributes:
         index: (N, k + 1), the sample itself and its neighbors, nearest first.
-        distance: (N, k + 1), to each of them.
-        normals: (N, 3), unit, of arbitrary sign: least spread of the neighborhood (PCA).
+        wide_index: (N, m), neighbors without the sample itself, nearest first, m ≥ k.
+        distance: (N, k + 1), distances to `index`.
+        normals: (N, 3), unit, of arbitrary sign: direction of least variance of the neighborhood (PCA).
         areas: (N,), surface area that each sample stands for.
         spacing: √(mean area), the typical distance between neighboring samples.
         roughness: median distance of neighbors from the local plane, in spacings.
     """
 
     index: Integers
+    wide_index: Integers
     distance: Floats
     normals: Floats
     areas: Floats
@@ -41,37 +48,43 @@ class LocalGeometry:
     roughness: float
 
 
-def local_geometry(points: Floats, n_neighbors: int = 16, areas: Floats | None = None) -> LocalGeometry:
-    """Planes through the neighborhoods of samples and, unless given, areas π r₈² / 8.
+def local_geometry(points: Floats, areas: Floats | None = None) -> LocalGeometry:
+    """Neighborhoods, planes and areas of samples; one neighbor query.
 
     Args:
         points: (N, 3).
-        n_neighbors: k, at most N − 1 are taken.
-        areas: (N,), where known.
+        areas: (N,), where known; π r₈² / 8 by default, r₈ the distance to the eighth neighbor.
 
     Raises:
         InputError: if there are fewer than four points, or nearly all of them coincide.
     """
-    count = min(n_neighbors, len(points) - 1)
+    wide_index = nearest_neighbors(torch.from_numpy(points), min(_WIDE, len(points) - 1)).numpy()
     own = np.arange(len(points))[:, None]
-    index = np.concatenate((own, nearest_neighbors(torch.from_numpy(points), count).numpy()), axis=1)
+    index = np.concatenate((own, wide_index[:, :_NEAREST]), axis=1)
     distance = np.linalg.norm(points[index] - points[:, None], axis=2)
     normals, thickness = fit_planes(points, index)
     if areas is None:
-        rank = min(8, count)
+        rank = min(8, index.shape[1] - 1)
         areas = np.pi * distance[:, rank] ** 2 / rank
     spacing = float(np.sqrt(areas.mean()))
     if not spacing > 0:
-        raise InputError("the points coincide in groups, so that there is no distance between neighbors: merge them.")
-    return LocalGeometry(index, distance, normals, areas, spacing, float(np.median(thickness)) / spacing)
+        raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
+    roughness = float(np.median(thickness)) / spacing
+    return LocalGeometry(index, wide_index, distance, normals, areas, spacing, roughness)
+
+
+def with_neighbors(points: Floats, n_neighbors: int) -> Integers:
+    """Each point's own index and those of its neighbors, nearest first, (N, k + 1)."""
+    own = np.arange(len(points))[:, None]
+    return np.concatenate((own, nearest_neighbors(torch.from_numpy(points), n_neighbors).numpy()), axis=1)
 
 
 def fit_planes(points: Floats, index: Integers) -> tuple[Floats, Floats]:
-    """Unit normals (N, 3) of arbitrary sign, and the mean-square distance from the plane, as a length (N,).
+    """Unit normals (N, 3) of arbitrary sign, and root-mean-square distances from the fitted planes (N,).
 
     Args:
         points: (N, 3).
-        index: (N, m), the neighborhoods; they are taken in blocks, so memory is bounded.
+        index: (N, m), the neighborhoods; processed in blocks to bound memory.
     """
     normals, thickness = np.empty((len(index), 3)), np.empty(len(index))
     for start in range(0, len(index), _ROWS):
@@ -87,8 +100,8 @@ def fit_planes(points: Floats, index: Integers) -> tuple[Floats, Floats]:
 def centered_positions(points: Floats) -> tuple[Floats, float]:
     """Positions around the origin, in units of a power of two near the longest side of their box, and that unit.
 
-    Far from the origin single precision has no digits left for the shape. Whole units are subtracted, so that a cloud
-    around the origin stays as it is to the last digit.
+    Single precision loses the shape's digits far from the origin. Whole units are subtracted, so a cloud around the
+    origin is unchanged to the last digit.
 
     Args:
         points: (N, 3).
@@ -106,7 +119,7 @@ def centered_positions(points: Floats) -> tuple[Floats, float]:
     low, high = points.min(0), points.max(0)
     longest = float((high - low).max())
     if not np.isfinite(longest) or longest <= 0:
-        raise InputError("the points are all in one place, or too far apart for numbers: they bound no solid.")
+        raise InputError("the points all coincide, or their extent overflows: they bound no solid.")
     unit_length = float(2.0 ** np.floor(np.log2(longest)))
     middle = np.round((low / 2 + high / 2) / unit_length) * unit_length
     positions = (points - middle) / unit_length
@@ -117,7 +130,7 @@ def centered_positions(points: Floats) -> tuple[Floats, float]:
 
 
 def unit(vectors: Floats) -> Floats:
-    """Vectors (N, 3) of length one; zero stays zero, and what has length one stays as it is to the last digit."""
+    """Vectors (N, 3) scaled to length one; zero stays zero, and unit vectors are unchanged to the last digit."""
     is_unit = np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1) < 1e-9
     return np.where(is_unit, vectors, normalize(torch.from_numpy(vectors)).numpy())
 
@@ -125,13 +138,13 @@ def unit(vectors: Floats) -> Floats:
 def clean_normals(
     points: Floats, normals: Floats, index: Integers, n_neighbors: int = 12, least_cosine: float = 0.5
 ) -> Floats:
-    """Normals of planes through those neighbors whose normals agree; where too few agree the given ones stay.
+    """Normals of planes through the neighbors whose normals agree; where too few agree, the given normals.
 
     Args:
         points: (N, 3).
         normals: (N, 3), unit; they also give the sign.
         index: (N, k + 1), as in `LocalGeometry`.
-        n_neighbors: how many of them take part.
+        n_neighbors: number of neighbors used.
         least_cosine: between two normals that agree.
     """
     chosen = index[:, : n_neighbors + 1]
@@ -144,26 +157,25 @@ def clean_normals(
 
 
 def flatten(points: Floats, normals: Floats, local: LocalGeometry, n_neighbors: int = 12) -> Floats:
-    """Samples (N, 3) moved along their normals onto the plane of neighbors that agree: one step of noise removal."""
+    """Samples (N, 3) moved along their normals onto the plane of the neighbors that agree: one step of denoising."""
     chosen = local.index[:, : n_neighbors + 1]
     weight = np.clip((normals[chosen] * normals[:, None]).sum(2) - 0.5, 0, None) + 1e-9
     center = np.einsum("nk,nka->na", weight, points[chosen]) / weight.sum(1, keepdims=True)
     return points + normals * ((center - points) * normals).sum(1, keepdims=True)
 
 
-def projected(points: Floats, n_neighbors: int, rounds: int = 2) -> Floats:
-    """Points (N, 3) moved onto the planes of their wide neighborhoods, again and again: strong removal of noise."""
-    own = np.arange(len(points))[:, None]
+def project_to_planes(points: Floats, n_neighbors: int, rounds: int = 2) -> Floats:
+    """Points (N, 3) moved onto the planes of wide neighborhoods, several times: strong denoising."""
     for _ in range(rounds):
-        index = np.concatenate((own, nearest_neighbors(torch.from_numpy(points), n_neighbors).numpy()), axis=1)
+        index = with_neighbors(points, n_neighbors)
         normals, _ = fit_planes(points, index)
         points = points + normals * ((points[index].mean(1) - points) * normals).sum(1, keepdims=True)
     return points
 
 
 def compatible_areas(normals: Floats, local: LocalGeometry, wanted: int = 8) -> Floats:
-    """Disc areas π r² / k over the first `wanted` neighbors on the same sheet, (N,): neighbors whose normals agree."""
-    agrees = (normals[local.index[:, 1:]] * normals[:, None]).sum(2) > 0.3
+    """Disc areas π r² / k over the first `wanted` neighbors on the same sheet (normals agree), (N,)."""
+    agrees = (normals[local.index[:, 1:]] * normals[:, None]).sum(2) > _SAME_SHEET
     rank = agrees.cumsum(1)
     k = np.minimum(wanted, rank[:, -1])
     last = np.minimum((rank < k[:, None]).sum(1), agrees.shape[1] - 1) + 1
@@ -177,22 +189,24 @@ def disagreement(normals: Floats, index: Integers, n_neighbors: int = 8) -> floa
     return float(((normals[index[:, 1 : n_neighbors + 1]] * normals[:, None]).sum(2) < 0).mean())
 
 
-def crowded_share(points: Floats, normals: Floats, spacing: float, reach: float = 1.5, n_neighbors: int = 39) -> float:
-    """Share of samples that see an opposite sheet, behind or in front, nearer than `reach` spacings.
+def crowded_shares(
+    points: Floats, normals: Floats, index: Integers, spacing: float, reach: Sequence[float]
+) -> tuple[float, ...]:
+    """Shares of samples with an opposite sheet, behind or in front, nearer than some multiples of the spacing.
 
-    Where it is not nearly zero the shape has walls or gaps that the samples cannot resolve, and all settings may agree
-    on a wrong integer.
+    Where the share is not nearly zero, walls or gaps are thinner than the samples can resolve, and all settings may
+    agree on a wrong integer.
 
     Args:
         points: (N, 3).
         normals: (N, 3), unit, outward.
+        index: (N, k), nearest neighbors.
         spacing: typical distance between neighboring samples.
-        reach: height of the opposite sheet in spacings; to the side it is less than one spacing away.
-        n_neighbors: how many neighbors are looked at.
+        reach: distances of the opposite sheet, in spacings; sideways it is less than one spacing away.
     """
-    index = nearest_neighbors(torch.from_numpy(points), min(n_neighbors, len(points) - 1)).numpy()
-    opposite = (normals[index] * normals[:, None]).sum(2) < -0.5
+    opposite = (normals[index] * normals[:, None]).sum(2) < _OPPOSITE
     way = points[index] - points[:, None]
     height = (way * normals[:, None]).sum(2)
     side = (way * way).sum(2) - height**2
-    return float((opposite & (np.abs(height) < reach * spacing) & (side < spacing**2)).any(1).mean())
+    near = opposite & (side < spacing**2)
+    return tuple(float((near & (np.abs(height) < one * spacing)).any(1).mean()) for one in reach)

@@ -1,47 +1,43 @@
 """Outward normals for unoriented samples, and a check of given ones.
 
-The winding number of a closed surface is one half on the surface. Solving w(pᵢ) = ½ for the dipole vectors by
-regularized conjugate gradients in the Fourier operator of `winding` needs no normals at all; a few rounds of one
-steepest-descent step and a turn of every dipole along −∇w sharpen it. This is done on a coarse grid (robust to noise)
-and on one that follows the sample spacing (right on thin sheets). The candidates are cleaned over neighbors that agree
-and compared by the cost of the best solid that they imply (`tetrahedra`).
-
-References:
-    S. Lin, Z. Shi, Y. Liu, "Fast and globally consistent normal orientation based on the winding number normal
-    consistency", ACM TOG 43(6), 2024, doi:10.1145/3687895.
+The winding number of a closed surface is one half on the surface. Solving w(pᵢ) = ½ for dipole vectors by regularized
+conjugate gradients in a Fourier operator needs no normals; a few rounds of one steepest-descent step and a turn of
+every dipole along −∇w sharpen the result. This is done on a coarse grid (robust to noise) and on one as fine as the
+sample spacing (right on thin sheets). The candidates are averaged over neighbors that agree and compared by the cost of
+the best solid that they imply (`delaunay_cut`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
-from torch import Tensor
+from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import DelaunayComplex, cut_complex, delaunay_complex, surface_normals
-from topokit.core.cloud.downsampling import spread_signs, thin
-from topokit.core.cloud.neighborhoods import (
-    LocalGeometry,
-    centered_positions,
-    clean_normals,
-    disagreement,
-    local_geometry,
-    unit,
-)
-from topokit.core.grid.splines import GridSampler, make_grid
-from topokit.core.grid.winding_field import squared_wavenumbers, winding_field
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
+from topokit.core.cloud.dipoles import DipoleSolver, border_mean
+from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, unit
+from topokit.core.grid.grid import make_grid
+from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
+Scale = Literal["coarse", "fine"]
 
 _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1.05, "coarse solve": 1.05}
-"""Cost factors: a rougher candidate has to be clearly better."""
+"""Cost factors: a candidate without alternation must be clearly better."""
 
-_INTERPOLATING = 0.97
-"""Share of samples on a solid's surface from which on the samples count as free of noise: a missed one is then a missed
-feature."""
+_INTERPOLATING = 0.97  # coverage from which samples count as free of noise, so that a missed one is a missed feature
+_COVERAGE_POWER = 9.0  # how much a missed sample costs then
+_LEAST_COVERAGE = 1e-3  # keeps the cost finite
+_COARSE_CELLS, _COARSE_ITERATIONS = 64, 20  # cells along the longest side; conjugate-gradient steps
+_FINE_CELLS, _FINE_ITERATIONS = 160, 12
+_ALTERNATIONS, _FIRST_SIGMA, _LAST_SIGMA = 8, 1.0, 0.7  # rounds; Gaussian in cells
+_CHECK_VERTICES, _CHECK_SIGMA = 96**3, 2.0  # grid and Gaussian (cells) of the field that checks given normals
+_CONSISTENT, _LARGEST_RESIDUAL = 0.95, 0.08  # share of normals along −∇w and mean |w(p) − ½| of consistent normals
+_CHEAPER = 0.9  # cost ratio from which a found solid contradicts the given normals
+_FEW = 0.03  # share of disagreeing normals up to which the given ones count as consistent
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,89 +46,75 @@ class Orientation:
 
     Attributes:
         normals: (N, 3), unit, outward: out of the solid, so into the cavity on a cavity's wall.
-        candidate: the one that won.
-        costs: of each candidate; the least won.
-        disagreement: share of neighbor pairs whose normals oppose each other.
+        candidate: the one of least cost.
+        costs: of each candidate.
         coverage: share of the samples on the implied solid's surface.
-        complex_: the tetrahedra of the samples that were looked at, to be used again.
+        complex_: the tetrahedra of the samples, for further use.
     """
 
     normals: Floats
     candidate: str
     costs: dict[str, float]
-    disagreement: float
     coverage: float
     complex_: DelaunayComplex
 
 
-def orient(points: ArrayLike, areas: ArrayLike | None = None) -> Orientation:
+def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     """Outward normals for unoriented samples.
 
-    Of more than 30 000 points about 20 000, evenly spread, are oriented; every other point then takes its own local
-    plane's normal with the sign of the nearest of those. Of points in the same place one is looked at.
-
     Args:
-        points: (N, 3), on the CPU.
-        areas: (N,), surface area that each sample stands for; estimated from the neighbors by default.
-
-    Raises:
-        InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or in one place.
+        points: (N, 3), centered, of moderate extent and number.
+        local: neighborhoods of the points.
     """
-    positions, unit_length = centered_positions(np.asarray(points, dtype=np.float64))
-    scaled = None if areas is None else np.asarray(areas, dtype=np.float64) / unit_length**2
-    kept, kept_areas = thin(positions, scaled)
-    chosen = positions[kept]
-    found = orient_samples(chosen, local_geometry(chosen, areas=kept_areas))
-    if len(kept) == len(positions):
-        return found
-    return replace(found, normals=spread_signs(positions, kept, found.normals))
-
-
-def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
-    """`orient` for centered positions (N, 3) of moderate number whose neighborhoods are known."""
     complex_ = delaunay_complex(points, local.spacing)
     trials = {}
     for name, direction in candidate_directions(points, local).items():
         normals = clean_normals(points, direction, local.index)
         trials[name] = (direction, normals, cut_complex(complex_, normals))
-    power = 9.0 if max(cut.coverage for _, _, cut in trials.values()) >= _INTERPOLATING else 1.0
-    costs = {
-        name: _HANDICAP[name] * cut.energy / max(cut.coverage, 1e-3) ** power for name, (_, _, cut) in trials.items()
-    }
-    name = min(costs, key=lambda candidate: costs[candidate])
-    direction, normals, _ = trials[name]
+    is_clean = max(cut.coverage for _, _, cut in trials.values()) >= _INTERPOLATING
+    power = _COVERAGE_POWER if is_clean else 1.0
+    costs = {name: _HANDICAP[name] * _cost(cut, power) for name, (_, _, cut) in trials.items()}
+    best = min(costs, key=lambda candidate: costs[candidate])
+    direction, normals, _ = trials[best]
     normals = clean_normals(points, unit(normals + direction), local.index)
     cut = cut_complex(complex_, normals)
     surface, _ = surface_normals(complex_, cut.inside, normals)
-    normals = unit(surface + normals + 1e-9 * direction)
-    return Orientation(normals, name, costs, disagreement(normals, local.index), cut.coverage, complex_)
+    normals = unit(surface + normals + 1e-9 * direction)  # the last term decides where the others cancel
+    return Orientation(normals, best, costs, cut.coverage, complex_)
+
+
+def _cost(cut: Cut, power: float = 1.0) -> float:
+    """Cost of a solid: the energy of its cut, raised where samples are off its surface."""
+    return float(cut.energy / max(cut.coverage, _LEAST_COVERAGE) ** power)
 
 
 def candidate_directions(
-    points: Floats, local: LocalGeometry, scales: tuple[str, ...] = ("coarse", "fine")
+    points: Floats, local: LocalGeometry, scales: tuple[Scale, ...] = ("coarse", "fine")
 ) -> dict[str, Floats]:
-    """Unit outward directions (N, 3) per candidate: coarse and spacing-sized grid, before and after the alternation."""
+    """Unit outward directions (N, 3) per candidate: on each grid before and after the alternation."""
     longest = float(np.ptp(points, axis=0).max())
-    cells = {"coarse": (longest / 64, 20), "fine": (longest / min(1.2 * longest / local.spacing + 30, 160), 12)}
+    fine_cells = min(1.2 * longest / local.spacing + 30, _FINE_CELLS)  # a cell a bit smaller than the spacing
+    grids = {"coarse": (longest / _COARSE_CELLS, _COARSE_ITERATIONS), "fine": (longest / fine_cells, _FINE_ITERATIONS)}
     result = {}
     for name in scales:
-        cell, iterations = cells[name]
-        solver = _DipoleSolver(points, local.areas, cell)
+        cell, iterations = grids[name]
+        solver = DipoleSolver(points, local.areas, cell)
         solved = solver.conjugate_gradients(1.0, iterations)
-        result[name + " solve"] = unit(solved.double().numpy())
-        result[name + " alternation"] = unit(solver.alternate(solved, 1.0, 0.7, 8).double().numpy())
+        result[f"{name} solve"] = unit(solved.double().numpy())
+        alternated = solver.alternate(solved, _FIRST_SIGMA, _LAST_SIGMA, _ALTERNATIONS)
+        result[f"{name} alternation"] = unit(alternated.double().numpy())
     return result
 
 
 def check_normals(
     points: Floats, normals: Floats, areas: Floats, local: LocalGeometry, complex_: DelaunayComplex
 ) -> tuple[Literal["outward", "inward", "mixed"], float]:
-    """Whether given normals point outward all together, and the share of them that is confirmed up to a common sign.
+    """Whether given normals point outward consistently, and the share that is confirmed up to a common sign.
 
-    The field of consistently outward normals is high inside, low at the box's faces, near one half at every sample, and
-    falls along every normal. Where one of these fails the normals are held against an orientation found without them;
-    "mixed" needs that one to imply a clearly cheaper solid, so that correct normals of thin sheets, where finding them
-    is hard, are not accused.
+    The winding-number field of consistent outward normals is high inside, low at the box's faces, near one half at
+    every sample, and falls along every normal. Where one of these fails, the normals are compared with an orientation
+    found without them. "mixed" requires that this orientation implies a clearly cheaper solid, so that correct normals
+    of thin sheets, where orientation is hard, are kept.
 
     Args:
         points: (N, 3), centered.
@@ -142,91 +124,25 @@ def check_normals(
         complex_: tetrahedra of the points.
     """
     p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
-    field = winding_field(p, n, a, make_grid(p, local.spacing, 1.0, 96**3, minimum_length=48), 2.0)
+    grid = make_grid(p, local.spacing, 1.0, _CHECK_VERTICES, minimum_length=48)
+    field = winding_field(p, n, a, grid, _CHECK_SIGMA)
     confirmed = float(((field.gradient(p) * n).sum(1) < 0).double().mean())
     residual = float((field.sample(p) - 0.5).abs().mean())
-    sign = 1.0 if float(field.values.mean()) > float(_rim(field.values)) else -1.0
-    if confirmed < 0.95 or residual > 0.08:
-        direction = candidate_directions(points, local, ("coarse",))["coarse alternation"]
-        agree = float(((direction * normals).sum(1) > 0).mean())
-        found = cut_complex(complex_, clean_normals(points, direction, local.index))
-        given = cut_complex(complex_, sign * normals)
-        is_cheaper = found.energy / max(found.coverage, 1e-3) < 0.9 * given.energy / max(given.coverage, 1e-3)
-        if 0.03 < agree < 0.97 and is_cheaper:
-            return "mixed", max(agree, 1 - agree)
+    sign = 1.0 if float(field.values.mean()) > float(border_mean(field.values)) else -1.0
+    if confirmed < _CONSISTENT or residual > _LARGEST_RESIDUAL:
+        agreement, is_cheaper = _compare_with_found(points, sign * normals, normals, local, complex_)
+        if is_cheaper and _FEW < agreement < 1 - _FEW:
+            return "mixed", max(agreement, 1 - agreement)
         if is_cheaper:
-            sign = 1.0 if agree > 0.5 else -1.0
+            sign = 1.0 if agreement > 0.5 else -1.0
     return ("outward" if sign > 0 else "inward"), confirmed
 
 
-def _rim(field: Tensor) -> Tensor:
-    """Mean of a field over the faces of its box."""
-    faces = [field.select(axis, end).mean() for axis in range(3) for end in (0, -1)]
-    return torch.stack(faces).sum() / 6
-
-
-class _DipoleSolver:
-    """The map from dipole vectors to winding numbers at the samples on one grid, and its inverse in two ways."""
-
-    def __init__(self, points: Floats, areas: Floats, cell: float) -> None:
-        """Args: points (N, 3); areas (N,); cell: wished edge length of the grid's cells."""
-        self.points = torch.as_tensor(points, dtype=torch.float32)
-        areas_ = torch.as_tensor(areas, dtype=torch.float32)
-        self.areas = areas_ / areas_.mean()
-        self.grid = make_grid(self.points, cell, 1.0, 160**3, minimum_length=16)
-        self.sampler = GridSampler(self.points, self.grid)
-        self.squared = squared_wavenumbers(self.grid, self.points)
-        self.squared[0, 0, 0] = 1.0
-        self.smooth(1.0)
-
-    def smooth(self, sigma: float) -> None:
-        """Set the Gaussian, in cells; dipoles are in units that make the cell drop out."""
-        self.multiplier = torch.exp(-0.5 * sigma**2 * self.squared) / self.squared
-        self.multiplier[0, 0, 0] = 0.0
-
-    def solve(self, density: Tensor) -> Tensor:
-        """The smoothed inverse of minus the Laplacian, with k² kept from one smoothing to the next."""
-        return torch.fft.irfftn(torch.fft.rfftn(density) * self.multiplier, s=self.grid.shape)
-
-    def field(self, dipoles: Tensor) -> Tensor:
-        """Winding numbers on the grid, zero on average over the box's faces."""
-        field = -self.solve(self.sampler.splat_dipoles(dipoles))
-        return field - _rim(field)
-
-    def adjoint(self, values: Tensor) -> Tensor:
-        """Values at the samples (N,) back to dipole vectors (N, 3)."""
-        return -self.sampler.gather_gradient(self.solve(self.sampler.splat(values)))
-
-    def conjugate_gradients(self, sigma: float, iterations: int, damping: float = 1e-2) -> Tensor:
-        """Dipoles (N, 3) of least weighted norm with w(pᵢ) near one half."""
-        self.smooth(sigma)
-        root = self.areas.sqrt()[:, None]
-        solution = torch.zeros_like(self.points)
-        residual = root * self.adjoint(torch.full((len(self.points),), 0.5))
-        direction, size, scale = residual.clone(), (residual * residual).sum(), None
-        for _ in range(iterations):
-            image = root * self.adjoint(self.sampler.gather(self.field(root * direction)))
-            if scale is None:
-                scale = damping * (direction * image).sum() / size.clamp_min(1e-30)
-            image = image + scale * direction
-            length = size / (direction * image).sum().clamp_min(1e-30)
-            solution, residual = solution + length * direction, residual - length * image
-            new = (residual * residual).sum()
-            direction, size = residual + new / size.clamp_min(1e-30) * direction, new
-        return root * solution
-
-    def alternate(self, dipoles: Tensor, first_sigma: float, last_sigma: float, iterations: int) -> Tensor:
-        """Rounds of one steepest-descent step on |w(p) − ½|² and a turn of every dipole along −∇w."""
-        for step in range(iterations):
-            self.smooth(first_sigma * (last_sigma / first_sigma) ** (step / max(iterations - 1, 1)))
-            field = self.field(dipoles)
-            residual = 0.5 - self.sampler.gather(field)
-            descent = self.adjoint(residual) * self.areas[:, None]
-            change = self.field(descent)
-            image = self.sampler.gather(change)
-            length = (residual * image).sum() / (image * image).sum().clamp_min(1e-30)
-            dipoles, field = dipoles + length * descent, field + length * change
-            outward = -self.sampler.gather_gradient(field)
-            turned = outward / outward.norm(dim=1, keepdim=True).clamp_min(1e-12)
-            dipoles = dipoles.norm(dim=1, keepdim=True) * turned
-        return dipoles
+def _compare_with_found(
+    points: Floats, outward: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex
+) -> tuple[float, bool]:
+    """Share of given normals that agree with found ones, and whether those imply a clearly cheaper solid."""
+    direction = candidate_directions(points, local, ("coarse",))["coarse alternation"]
+    agreement = float(((direction * normals).sum(1) > 0).mean())
+    found = cut_complex(complex_, clean_normals(points, direction, local.index))
+    return agreement, _cost(found) < _CHEAPER * _cost(cut_complex(complex_, outward))

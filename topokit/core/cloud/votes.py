@@ -1,117 +1,138 @@
-"""The rule of the global witness: which integer the settings stand for, and whether it may be believed."""
+"""Votes on the Euler characteristic of oriented samples: several Delaunay cuts and winding-number fields, and a tally.
+
+Two independent families look at the same samples: minimum cuts of Delaunay tetrahedra (several weights, original and
+smoothed positions, counted from inside and from outside) and winding-number fields on grids (several resolutions and
+smoothings). The Euler characteristic of the surface is twice that of the solid.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
-Verdict = Literal["likely", "unsure"]
+import numpy as np
+import torch
+from numpy.typing import NDArray
 
-VOTE_WEIGHTS = {
-    "cut 0": 1.5,
-    "cut 1": 1.0,
-    "cut 2": 1.0,
-    "smooth cut 0": 1.25,
-    "smooth cut 1": 1.0,
-    "grid 0": 0.8,
-    "grid 1": 0.8,
-    "grid 2": 0.6,
+from topokit.core.cloud.delaunay_cut import (
+    Cut,
+    CutWeights,
+    DelaunayComplex,
+    cut_complex,
+    delaunay_complex,
+    solid_eulers,
+)
+from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten
+from topokit.core.grid.euler import surface_euler
+from topokit.core.grid.grid import make_grid
+from topokit.core.grid.winding_field import winding_field
+
+Floats = NDArray[np.float64]
+Family = Literal["cut", "smooth cut", "field"]
+
+CUT_SETTINGS = (CutWeights(0.5, 3.0, 4.0), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
+SMOOTH_SETTINGS = CUT_SETTINGS[:2]
+FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
+"""Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
+
+WEIGHTS: dict[Family, tuple[float, ...]] = {
+    "cut": (1.5, 1.0, 1.0),
+    "smooth cut": (1.25, 1.0),
+    "field": (0.8, 0.8, 0.6),
 }
-"""Weight of each setting; a cut's weight is shared between its inside and its outside."""
+"""Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
 
-_LEAST_CUTS = 0.7  # share of the cuts that stand behind the integer
-_LEAST_GRIDS = 2
-_LEAST_AGREEMENT = 0.75
-_MOST_CROWDED = 0.009  # share of samples with an opposite sheet within 1.5 spacings
-_MOST_CROWDED_WIDER = 0.0175  # within 2.5 spacings
-_LEAST_COVERAGE = 0.6
-_MOST_DISAGREEMENT = 0.06
-_LEAST_CONFIRMED = 0.9
+CROWDED_REACH = (1.5, 2.5)
+"""Distances, in sample spacings, at which an opposite sheet counts as close."""
 
 
-def decide(votes: Mapping[str, int], numbers: Mapping[str, float]) -> tuple[int, Verdict, tuple[str, ...], float]:
-    """The integer of greatest weight, a verdict, its reasons as sentences, and the weight's share.
+@dataclass(frozen=True)
+class Vote:
+    """Euler characteristic of the surface under one setting.
 
-    "likely" asks that both families (cuts and grids) stand behind the integer, that the samples lie on the implied
-    surface, that neighboring normals agree, that given normals are confirmed, and that almost no sample sees an
-    opposite sheet nearer than the sampling resolves. The limits were set on real shapes sampled at 10 000 points so
-    that at least 95 % of the "likely" answers are right.
+    Attributes:
+        family: "cut" (original positions), "smooth cut" (smoothed positions) or "field".
+        setting: index into the family's settings.
+        eulers: counted from inside and from outside for a cut, one value for a field.
+    """
+
+    family: Family
+    setting: int
+    eulers: tuple[int, ...]
+
+    @property
+    def weight(self) -> float:
+        """Weight of the vote, shared evenly by its values."""
+        return WEIGHTS[self.family][self.setting]
+
+
+@dataclass(frozen=True)
+class SampleQuality:
+    """How well the samples support an answer.
+
+    Attributes:
+        coverage: share of the samples on the surface of the first cut.
+        disagreement: share of neighbor pairs whose normals oppose each other.
+        roughness: median distance of neighbors from the local plane, in sample spacings.
+        crowded: share of samples with an opposite sheet within 1.5 sample spacings.
+        crowded_wide: the same within 2.5 sample spacings.
+    """
+
+    coverage: float
+    disagreement: float
+    roughness: float
+    crowded: float
+    crowded_wide: float
+
+
+def gather_votes(
+    points: Floats, normals: Floats, local: LocalGeometry, areas: Floats, complex_: DelaunayComplex
+) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
+    """The vote of every setting on oriented samples.
 
     Args:
-        votes: Euler characteristic of the surface per setting, as `witness.gather_votes` names them.
-        numbers: measurements as `witness.gather_votes` names them; "given normals" only where normals were given.
+        points: (N, 3), centered, of moderate extent.
+        normals: (N, 3), unit, outward.
+        local: neighborhoods of the points.
+        areas: (N,), surface area that each sample stands for.
+        complex_: Delaunay tetrahedra of the points.
+
+    Returns:
+        The votes, the quality of the samples, and the first cut.
     """
-    euler, agreement = _heaviest(votes)
-    cuts = [value == euler for name, value in votes.items() if "cut" in name]
-    grids = [value == euler for name, value in votes.items() if "grid" in name]
-    raw, smooth = votes["cut 0 inside"], votes["smooth cut 0 inside"]
-    crowded, wider = numbers["crowded"], numbers["crowded 2.5"]
-    checks = [
-        (
-            sum(cuts) >= _LEAST_CUTS * len(cuts),
-            f"{sum(cuts)} of {len(cuts)} ways to fill the cloud with tetrahedra give χ = {euler}.",
-            f"Only {sum(cuts)} of {len(cuts)} ways to fill the cloud with tetrahedra give χ = {euler}.",
-        ),
-        (
-            sum(grids) >= _LEAST_GRIDS,
-            f"{sum(grids)} of {len(grids)} winding-number fields give χ = {euler}.",
-            f"Only {sum(grids)} of {len(grids)} winding-number fields give χ = {euler}.",
-        ),
-        (
-            raw == smooth == euler,
-            f"The points as they are and the points smoothed both give χ = {euler}.",
-            f"The points as they are give χ = {raw}, smoothed they give {smooth}; the best answer is {euler}.",
-        ),
-        (
-            agreement >= _LEAST_AGREEMENT,
-            f"{agreement:.0%} of all evidence, by weight, gives χ = {euler}.",
-            f"Only {agreement:.0%} of all evidence, by weight, gives χ = {euler}.",
-        ),
-        (
-            crowded <= _MOST_CROWDED,
-            f"{crowded:.2%} of the points see an opposite sheet nearer than 1.5 sample spacings.",
-            f"{crowded:.1%} of the points see an opposite sheet nearer than 1.5 sample spacings: "
-            "walls or gaps are thinner than the sampling resolves.",
-        ),
-        (
-            wider <= _MOST_CROWDED_WIDER,
-            f"{wider:.2%} of the points see an opposite sheet nearer than 2.5 sample spacings.",
-            f"{wider:.1%} of the points see an opposite sheet nearer than 2.5 sample spacings, "
-            "about the size of the smallest feature that can be told.",
-        ),
-        (
-            numbers["coverage"] >= _LEAST_COVERAGE,
-            f"{numbers['coverage']:.1%} of the points lie on the surface that was found.",
-            f"Only {numbers['coverage']:.1%} of the points lie on the surface that was found.",
-        ),
-        (
-            numbers["disagreement"] <= _MOST_DISAGREEMENT,
-            f"{numbers['disagreement']:.2%} of neighboring normals oppose each other.",
-            f"{numbers['disagreement']:.1%} of neighboring normals oppose each other: "
-            "sheets lie close together, or the normals are not consistent.",
-        ),
-    ]
-    if "given normals" in numbers:
-        confirmed = numbers["given normals"]
-        checks.append(
-            (
-                confirmed >= _LEAST_CONFIRMED,
-                f"{confirmed:.1%} of the given normals point the way the points themselves say.",
-                f"Only {confirmed:.1%} of the given normals point the way the points themselves say.",
-            )
-        )
-    is_sure = all(good for good, _, _ in checks)
-    reasons = tuple(yes if good else no for good, yes, no in checks)
-    return euler, "likely" if is_sure else "unsure", reasons, agreement
+    spacing = float(np.sqrt(areas.mean()))
+    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
+    votes = [Vote("cut", k, _surface_eulers(complex_, cut)) for k, cut in enumerate(cuts)]
+    smooth = delaunay_complex(flatten(points, normals, local), spacing)
+    for k, weights in enumerate(SMOOTH_SETTINGS):
+        votes.append(Vote("smooth cut", k, _surface_eulers(smooth, cut_complex(smooth, normals, weights))))
+    p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
+    for k, (per_spacing, sigma, most) in enumerate(FIELD_SETTINGS):
+        field = winding_field(p, n, a, make_grid(p, spacing, per_spacing, most), sigma)
+        votes.append(Vote("field", k, (int(surface_euler(field.values, 0.5, connectivity=6)),)))
+    near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
+    quality = SampleQuality(cuts[0].coverage, disagreement(normals, local.index), local.roughness, near, wide)
+    return tuple(votes), quality, cuts[0]
 
 
-def _heaviest(votes: Mapping[str, int]) -> tuple[int, float]:
-    """The value of greatest weight (of equal ones that nearest to zero) and its share of the whole."""
+def _surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
+    return tuple(2 * euler for euler in solid_eulers(complex_, cut.inside))
+
+
+def tally(votes: Iterable[Vote]) -> tuple[int, float]:
+    """The Euler characteristic of greatest weight (of equal ones the nearest to zero) and its share of all weight."""
     weight: dict[int, float] = {}
     total = 0.0
-    for name, value in votes.items():
-        share = VOTE_WEIGHTS[name.replace(" inside", "").replace(" outside", "")] / (2 if "cut" in name else 1)
-        weight[value] = weight.get(value, 0.0) + share
-        total += share
+    for vote in votes:
+        for euler in vote.eulers:
+            share = vote.weight / len(vote.eulers)
+            weight[euler] = weight.get(euler, 0.0) + share
+            total += share
     euler = max(weight, key=lambda value: (weight[value], -abs(value)))
     return euler, weight[euler] / total
+
+
+def values_of(votes: Sequence[Vote], *families: Family) -> list[int]:
+    """All values of the votes of some families."""
+    return [euler for vote in votes if vote.family in families for euler in vote.eulers]

@@ -1,8 +1,6 @@
-"""The global witness: one integer, how many settings agree on it, and sentences that say why.
+"""The global witness of a point cloud: outward normals, the votes on its Euler characteristic, and what supports them.
 
-Two independent families look at the same oriented samples: winding-number fields on grids (several cells and
-smoothings), and minimum cuts of Delaunay tetrahedra (several weights, raw and smoothed positions, closed inside and
-closed outside). The Euler characteristic of the surface is twice that of the solid. `verdict` holds the rule.
+It returns numbers; `topokit.report.verdict` decides how far they may be believed.
 """
 
 from __future__ import annotations
@@ -16,77 +14,129 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.core.cloud.delaunay_cut import (
-    CutWeights,
-    DelaunayComplex,
-    count_parts,
-    cut_complex,
-    delaunay_complex,
-    separating_faces,
-    solid_eulers,
-)
-from topokit.core.cloud.downsampling import MOST_POINTS, spread_signs, thin
+from topokit.core.cloud.delaunay_cut import DelaunayComplex, count_parts, delaunay_complex, separating_faces
+from topokit.core.cloud.downsampling import MOST_POINTS, downsample, spread_signs
 from topokit.core.cloud.neighborhoods import (
     LocalGeometry,
     centered_positions,
     compatible_areas,
-    crowded_share,
-    disagreement,
-    flatten,
     local_geometry,
-    projected,
+    project_to_planes,
     unit,
 )
 from topokit.core.cloud.orientation import check_normals, orient_samples
-from topokit.core.cloud.votes import Verdict, decide
-from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.splines import make_grid
-from topokit.core.grid.winding_field import winding_field
+from topokit.core.cloud.votes import SampleQuality, Vote, gather_votes, tally
 from topokit.errors import InputError
 
-_ROUGH = 0.5  # distance of points from the local plane, in spacings, from which smoothing may help
-_WIDE = 64  # neighbors that very noisy points are smoothed over
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
+SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
 
-GRID_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
-"""Cells per spacing, Gaussian in cells, most vertices."""
+_ROUGH = 0.5  # roughness from which a cloud may be looked at again, smoothed
+_WIDE = 64  # neighbors of that smoothing
+_CONTRADICTION = 0.5  # agreement below which the second look is taken
+_UNANIMOUS = 0.9  # agreement of the smoothed cloud from which its integer is taken over
+_SMALLEST_FEATURE = 2.5  # sample spacings that a feature must measure to be seen in clean samples
+_BLUR = 2.0  # by how many spacings more for each spacing of roughness beyond that of clean samples
+_CLEAN = 0.15  # roughness of clean samples of curved surfaces
 
-CUT_SETTINGS = (CutWeights(0.5, 3.0, 4.0), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
+
+@dataclass(frozen=True)
+class Signs:
+    """Where the outward directions came from.
+
+    Attributes:
+        source: "given" (as they came), "reversed" (they all pointed inward), "contradictory" (they disagreed, so signs
+            were found), "axes" (given without signs), "none" (no normals were given).
+        confirmed: share of the given normals that the points confirm, or None where signs were not given.
+        coverage: share of the samples on the surface that the found directions imply, or None where none were found.
+    """
+
+    source: SignSource
+    confirmed: float | None
+    coverage: float | None
+
+
+@dataclass(frozen=True)
+class SmoothedLook:
+    """A second look at a noisy cloud whose votes contradict each other, smoothed over wide neighborhoods.
+
+    Attributes:
+        euler: Euler characteristic of the surface that the smoothed points give.
+        agreement: its share of the weight of all votes.
+        n_neighbors: neighbors that each point was smoothed over.
+    """
+
+    euler: int
+    agreement: float
+    n_neighbors: int
 
 
 @dataclass(frozen=True, eq=False)
 class Witness:
-    """What the global witness says.
+    """The global evidence about the closed surface of a cloud.
 
     Attributes:
         euler: Euler characteristic of the surface.
-        verdict: "likely" or "unsure".
-        reasons: plain sentences with their numbers.
+        agreement: share of the weight of all votes that stands behind the heaviest integer.
         votes: Euler characteristic per setting.
+        quality: how well the samples support the answer.
+        signs: where the outward directions came from.
+        smoothed: the second look, if its integer was taken over, else None.
         components: parts of the solid.
         cavities: holes wholly inside the solid; the surface has components + cavities components.
-        normals: (N, 3), unit, outward: those given or their opposites, or those found; for every point given.
-        spacing: typical distance between the samples that were looked at, in units of the points.
-        resolution: size of the smallest feature that the settings can see, in units of the points.
-        numbers: what the rule looked at.
+        normals: (N, 3), unit, outward, for every point given.
+        n_points: points given.
+        n_used: points used, after downsampling and without points that coincide with others.
+        spacing: typical distance between the used points, in units of length.
+        resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        faces: (F, 3), the surface of the first cut as triangles of the points given; not oriented.
+        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented.
     """
 
     euler: int
-    verdict: Verdict
-    reasons: tuple[str, ...]
-    votes: dict[str, int]
+    agreement: float
+    votes: tuple[Vote, ...]
+    quality: SampleQuality
+    signs: Signs
+    smoothed: SmoothedLook | None
     components: int
     cavities: int
     normals: Floats
+    n_points: int
+    n_used: int
     spacing: float
     resolution: float
-    numbers: dict[str, float]
     seconds: dict[str, float]
     faces: Integers
+
+    @property
+    def is_downsampled(self) -> bool:
+        """Whether the cloud was too large to be used whole."""
+        return self.n_points > MOST_POINTS
+
+
+@dataclass(frozen=True, eq=False)
+class _Cloud:
+    """A cloud ready to be looked at: centered, scaled, downsampled.
+
+    Attributes:
+        positions: (N, 3), all points, centered, in units of `unit_length`.
+        normals: (N, 3), unit, or None.
+        unit_length: the unit of the positions, in units of length.
+        kept: (M,), indices of the points that are used.
+        areas: (M,), area per used point, or None.
+    """
+
+    positions: Floats
+    normals: Floats | None
+    unit_length: float
+    kept: Integers
+    areas: Floats | None
+
+    @property
+    def points(self) -> Floats:
+        return self.positions[self.kept]
 
 
 def global_witness(
@@ -97,116 +147,106 @@ def global_witness(
     oriented: bool = True,
     may_smooth: bool = True,
 ) -> Witness:
-    """The integer of a cloud's closed surface, and how far it may be believed.
+    """The global evidence about a cloud's closed surface.
 
-    Of more than 30 000 points about 20 000, evenly spread, are looked at, and `reasons` says so. Runs on the CPU, is
-    deterministic, and is not differentiable.
+    Clouds of more than 30 000 points are downsampled evenly to about 20 000. Runs on the CPU, is deterministic, and is
+    not differentiable.
 
     Args:
         points: (N, 3) samples of a surface, any float dtype and device.
-        normals: (N, 3), any positive length, outward; found when absent, turned when they all point inward, reported
-            when they contradict each other.
-        oriented: whether the normals' signs mean anything; if not, the normals are axes whose signs are found.
-        may_smooth: whether a cloud noisier than its spacing may be asked again about smoothed points.
-        areas: (N,), surface area that each sample stands for, best exact tangent Voronoi areas; estimated when absent.
+        normals: (N, 3), any positive length, outward; found if None, reversed if they all point inward, and found anew
+            if they contradict each other.
+        areas: (N,), surface area that each sample stands for; estimated from the neighbors if None.
+        oriented: whether the signs of the normals mean anything; if not, the normals are axes and their signs are
+            found.
+        may_smooth: whether a cloud that is noisier than its spacing may be looked at again, smoothed.
 
     Raises:
-        InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or in one place, and for
+        InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or coinciding, and for
             normals or areas that do not fit the points or are not finite.
     """
     start = time.perf_counter()
-    positions, unit_length = centered_positions(_as_floats(points))
-    given = None if normals is None else unit(_fitting(normals, positions.shape, "normals"))
-    scaled = None if areas is None else _fitting(areas, positions.shape[:1], "areas") / unit_length**2
-    kept, kept_areas = thin(positions, scaled)
-    chosen = positions[kept]
-    local = local_geometry(chosen, areas=kept_areas)
-    notes: list[str] = []
-    extra: dict[str, float] = {}
-    sign = 1.0
-    if len(positions) > MOST_POINTS:
-        notes.append(
-            f"Of {len(positions)} points {len(kept)}, evenly spread, were looked at; "
-            "what is smaller than their spacing is not seen."
-        )
-    elif len(kept) < len(positions):
-        notes.append(f"{len(positions) - len(kept)} points lie where others do and were left out.")
-    has_signs = given is not None and oriented
-    if given is not None and has_signs:
-        complex_ = delaunay_complex(chosen, local.spacing)
-        kind, confirmed, said = _check_given(chosen, given[kept], local, complex_)
-        extra["given normals"] = confirmed
-        notes += said
-        sign = -1.0 if kind == "inward" else 1.0
-        has_signs = kind != "mixed"
-    if given is not None and has_signs:
-        outward = sign * given[kept]
-    else:
-        found = orient_samples(chosen, local)
-        complex_ = found.complex_
-        outward = found.normals if given is None else _signed(given[kept], found.normals)
-        what = "No normals were given; they" if given is None else "The signs of the normals"
-        notes.append(
-            f"{what} were found from the points "
-            f"({found.coverage:.0%} of which lie on the surface that those normals imply)."
-        )
+    cloud = _prepare(points, normals, areas)
+    local = local_geometry(cloud.points, cloud.areas)
+    signs, outward, complex_ = _outward(cloud, local, oriented)
     turned = time.perf_counter()
-    weights = local.areas if areas is not None else compatible_areas(outward, local)
-    votes, numbers, inside = gather_votes(chosen, outward, local, weights, complex_)
-    components, cavities = count_parts(complex_, inside)
-    numbers.update(extra)
-    euler, verdict, reasons, numbers["agreement"] = decide(votes, numbers)
+    weights = compatible_areas(outward, local) if areas is None else local.areas
+    votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
+    components, cavities = count_parts(complex_, cut.inside)
+    euler, agreement = tally(votes)
     voted = time.perf_counter()
-    spacing = float(np.sqrt(weights.mean())) * unit_length
-    if len(kept) < len(positions):
-        if given is not None and has_signs:
-            outward = sign * given
-        else:
-            spread = spread_signs(positions, kept, outward)
-            outward = spread if given is None else _signed(given, spread)
-    seconds = {
-        "orientation": turned - start,
-        "votes": voted - turned,
-        "spreading": time.perf_counter() - voted,
-    }
+    spacing = float(np.sqrt(weights.mean())) * cloud.unit_length
     witness = Witness(
         euler=euler,
-        verdict=verdict,
-        reasons=(*notes, *reasons),
+        agreement=agreement,
         votes=votes,
+        quality=quality,
+        signs=signs,
+        smoothed=None,
         components=components,
         cavities=cavities,
-        normals=outward,
+        normals=_normals_of_all(cloud, signs, outward),
+        n_points=len(cloud.positions),
+        n_used=len(cloud.kept),
         spacing=spacing,
-        resolution=spacing * (2.5 + 2 * max(local.roughness - 0.15, 0.0)),
-        numbers=numbers,
-        seconds=seconds,
-        faces=kept[separating_faces(complex_, inside)],
+        resolution=spacing * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
+        seconds={"orientation": turned - start, "votes": voted - turned, "signs": time.perf_counter() - voted},
+        faces=cloud.kept[separating_faces(complex_, cut.inside)],
     )
-    return _second_look(witness, chosen, local) if may_smooth else witness
+    return _second_look(witness, cloud.points) if may_smooth else witness
 
 
-def _second_look(witness: Witness, points: Floats, local: LocalGeometry) -> Witness:
-    """Where noise exceeds the spacing and the settings contradict each other, ask again about smoothed points.
+def _prepare(points: Tensor, normals: Tensor | None, areas: Tensor | None) -> _Cloud:
+    positions, unit_length = centered_positions(_as_floats(points))
+    given = None if normals is None else unit(_matching(normals, positions.shape, "normals"))
+    scaled = None if areas is None else _matching(areas, positions.shape[:1], "areas") / unit_length**2
+    kept, kept_areas = downsample(positions, scaled)
+    return _Cloud(positions, given, unit_length, kept, kept_areas)
 
-    The points are moved onto the planes of wide neighborhoods. The integer is taken over if (nearly) all settings then
-    agree; the verdict stays "unsure", since details went with the noise.
+
+def _outward(cloud: _Cloud, local: LocalGeometry, oriented: bool) -> tuple[Signs, Floats, DelaunayComplex]:
+    """Outward normals (M, 3) of the used points, where their signs came from, and the tetrahedra built on the way."""
+    source: SignSource = "none" if cloud.normals is None else "axes"
+    confirmed = None
+    given = None if cloud.normals is None else cloud.normals[cloud.kept]
+    if given is not None and oriented:
+        complex_ = delaunay_complex(cloud.points, local.spacing)
+        kind, confirmed = check_normals(cloud.points, given, compatible_areas(given, local), local, complex_)
+        if kind != "mixed":
+            source, sign = ("given", 1.0) if kind == "outward" else ("reversed", -1.0)
+            return Signs(source, confirmed, None), sign * given, complex_
+        source = "contradictory"
+    found = orient_samples(cloud.points, local)
+    outward = found.normals if given is None else _signed(given, found.normals)
+    return Signs(source, confirmed, found.coverage), outward, found.complex_
+
+
+def _normals_of_all(cloud: _Cloud, signs: Signs, outward: Floats) -> Floats:
+    """Outward unit normals (N, 3) for all points, from those of the used points."""
+    if len(cloud.kept) == len(cloud.positions):
+        return outward
+    if cloud.normals is not None and signs.source in ("given", "reversed"):
+        return cloud.normals if signs.source == "given" else -cloud.normals
+    spread = spread_signs(cloud.positions, cloud.kept, outward)
+    return spread if cloud.normals is None else _signed(cloud.normals, spread)
+
+
+def _second_look(witness: Witness, points: Floats) -> Witness:
+    """Where noise exceeds the spacing and the votes contradict each other, look again at smoothed points.
+
+    The points are projected onto the planes of wide neighborhoods. Their integer is taken over if nearly all votes then
+    agree.
     """
-    if local.roughness < _ROUGH or witness.numbers["agreement"] >= 0.5 or len(points) <= _WIDE:
+    noisy = witness.quality.roughness >= _ROUGH and witness.agreement < _CONTRADICTION
+    if not noisy or len(points) <= _WIDE:
         return witness
-    again = global_witness(torch.from_numpy(projected(points, _WIDE)), may_smooth=False)
-    agreement = again.numbers["agreement"]
-    if agreement < 0.9:
+    again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=False)
+    if again.agreement < _UNANIMOUS:
         return witness
-    note = (
-        f"The noise is about as large as the sample spacing; smoothed over {_WIDE} neighbors, the points give "
-        f"χ = {again.euler} in {agreement:.0%} of all evidence."
-    )
     return replace(
         witness,
         euler=again.euler,
-        verdict="unsure",
-        reasons=(note, *witness.reasons),
+        smoothed=SmoothedLook(again.euler, again.agreement, _WIDE),
         components=again.components,
         cavities=again.cavities,
         resolution=witness.resolution * _WIDE**0.5,
@@ -214,65 +254,8 @@ def _second_look(witness: Witness, points: Floats, local: LocalGeometry) -> Witn
     )
 
 
-def gather_votes(
-    points: Floats, normals: Floats, local: LocalGeometry, areas: Floats, complex_: DelaunayComplex
-) -> tuple[dict[str, int], dict[str, float], Booleans]:
-    """What every setting says about oriented samples.
-
-    Args:
-        points: (N, 3), centered, of moderate extent.
-        normals: (N, 3), unit, outward.
-        local: neighborhoods of the points.
-        areas: (N,).
-        complex_: tetrahedra of the points.
-
-    Returns:
-        Euler characteristic of the surface per setting, measurements for the rule, and which tetrahedra the first cut
-        puts inside (T,).
-    """
-    votes: dict[str, int] = {}
-    spacing = float(np.sqrt(areas.mean()))
-    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
-    for k, cut in enumerate(cuts):
-        _vote(votes, f"cut {k}", solid_eulers(complex_, cut.inside))
-    smooth = delaunay_complex(flatten(points, normals, local), spacing)
-    for k, weights in enumerate(CUT_SETTINGS[:2]):
-        _vote(votes, f"smooth cut {k}", solid_eulers(smooth, cut_complex(smooth, normals, weights).inside))
-    p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
-    for k, (per_spacing, sigma, most) in enumerate(GRID_SETTINGS):
-        field = winding_field(p, n, a, make_grid(p, spacing, per_spacing, most), sigma)
-        votes[f"grid {k}"] = 2 * int(solid_euler(field.values, 0.5))
-    numbers = {
-        "energy": cuts[0].energy,
-        "coverage": cuts[0].coverage,
-        "disagreement": disagreement(normals, local.index),
-        "roughness": local.roughness,
-        "crowded": crowded_share(points, normals, spacing),
-        "crowded 2.5": crowded_share(points, normals, spacing, 2.5),
-    }
-    return votes, numbers, cuts[0].inside
-
-
-def _vote(votes: dict[str, int], name: str, eulers: tuple[int, int]) -> None:
-    votes[f"{name} inside"], votes[f"{name} outside"] = 2 * eulers[0], 2 * eulers[1]
-
-
-def _check_given(
-    points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex
-) -> tuple[Literal["outward", "inward", "mixed"], float, list[str]]:
-    """Where given normals point, the share that is confirmed, and what there is to say."""
-    kind, confirmed = check_normals(points, normals, compatible_areas(normals, local), local, complex_)
-    if kind == "mixed":
-        said = f"The given normals contradict each other: {1 - confirmed:.0%} point the wrong way."
-        return kind, min(confirmed, 0.89), [said]
-    if kind == "inward":
-        said = f"The given normals all point inward ({confirmed:.0%} of them agree); they were turned round."
-        return kind, confirmed, [said]
-    return kind, confirmed, []
-
-
 def _signed(axes: Floats, directions: Floats) -> Floats:
-    """The axes (N, 3), each turned to the side of its direction."""
+    """The axes (N, 3), each turned towards its direction."""
     return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
 
 
@@ -280,7 +263,7 @@ def _as_floats(values: Tensor) -> Floats:
     return np.ascontiguousarray(values.detach().cpu().double().numpy())
 
 
-def _fitting(values: Tensor, shape: tuple[int, ...], name: str) -> Floats:
+def _matching(values: Tensor, shape: tuple[int, ...], name: str) -> Floats:
     found = _as_floats(values)
     if found.shape != shape:
         raise InputError(f"the {name} have shape {found.shape}, but the points need {shape}.")

@@ -1,9 +1,13 @@
-"""Components, tunnels and cavities of a solid on a 3D grid, and which component lies inside which.
+"""Components, tunnels and cavities of a solid on a 3D grid, the closed surfaces that bound it, and their nesting.
 
-Conventions are those of `grid_euler`: the solid is {field > level} with connectivity 6 or 26, the background has the
-other one, and there is only background outside the grid. With this pairing components and background regions form a
-tree rooted at the outside (T. Y. Kong, A. Rosenfeld, "Digital topology: introduction and survey", CVGIP 48, 1989,
-doi:10.1016/0734-189X(89)90147-3). Labelling is SciPy's and runs on the CPU.
+Conventions are those of `grid.euler`: the solid is {field > level} with connectivity 6 or 26, the background has the
+other one, and there is only background outside the grid. With this pairing the components of solid and background form
+a tree, the adjacency tree, whose root is the background outside the grid. Every other node is separated from its parent
+by exactly one connected closed surface, its outer wall. Labeling is SciPy's and runs on the CPU.
+
+Reference:
+    T. Y. Kong, A. Rosenfeld, "Digital topology: introduction and survey", CVGIP 48, 1989,
+    doi:10.1016/0734-189X(89)90147-3.
 """
 
 from __future__ import annotations
@@ -13,41 +17,61 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
 from torch import Tensor
 
-from topokit.core.grid.euler import as_grid, critical_index, solid_euler
+from topokit.core.components import CountedComponents, genus_of
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, as_grid, critical_index, dual_connectivity, solid_euler
+from topokit.core.grid.grid import Grid, Spacing
 from topokit.errors import InputError
 
+Bools = NDArray[np.bool_]
+Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Labels = NDArray[np.int32]
 
 
-@dataclass(frozen=True)
-class GridComponent:
-    """One component of a solid on a grid.
+@dataclass(frozen=True, eq=False)
+class _AdjacencyTree:
+    """Components of the background, then those of the solid, as nodes 0, 1, ...; node 0 is the outside.
 
     Attributes:
-        label: 1, 2, ... counting components.
-        voxels: number of voxels.
-        euler: Euler characteristic of the component's surface, cavity walls included: twice that of its solid.
-        tunnels: first Betti number of the component's solid, which is the total genus of its surface.
-        cavities: regions of background that the component encloses, whatever else may lie in them.
-        box: ((x0, x1), (y0, y1), (z0, z1)) in voxels, ends excluded.
-        inside: label of the component whose cavity this one lies in, the innermost if several; None if in none.
-        touches_border: whether it reaches the first or the last layer of the grid along some axis.
+        labels: (X, Y, Z), the node of every voxel.
+        n_background: number of background nodes, which come first.
+        count: number of nodes.
+        parent: (count,); that of the outside is -1.
+        connectivity: 6 or 26, that of the solid.
     """
 
-    label: int
-    voxels: int
-    euler: int
-    tunnels: int
-    cavities: int
-    box: tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
-    inside: int | None
-    touches_border: bool
+    labels: Labels
+    n_background: int
+    count: int
+    parent: Integers
+    connectivity: int
+
+    def half_euler_sums(self, of_solid: bool) -> Integers:
+        """For each node of the solid, or of the background, half of χ of all its walls; 0 for the others.
+
+        A wall is a connected closed surface between a node and its parent or one of its children. The grid's own border
+        does not count as a wall of the outside.
+        """
+        mask = (self.labels >= self.n_background) == of_solid
+        connectivity = self.connectivity if of_solid else dual_connectivity(self.connectivity)
+        index = critical_index(torch.from_numpy(mask), connectivity).numpy().ravel()
+        critical = np.flatnonzero((index != 0) & mask.ravel())
+        sums = np.bincount(self.labels.ravel()[critical], weights=index[critical], minlength=self.count)
+        return sums.astype(np.int64)
+
+    def depths(self) -> Integers:
+        """Number of nodes above each node."""
+        depth, above = np.zeros(self.count, dtype=np.int64), self.parent
+        while (has_parent := above >= 0).any():
+            depth += has_parent
+            above = np.where(has_parent, self.parent[above], -1)
+        return depth
 
 
-def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6) -> Tensor:
+def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
     """Betti numbers of the solid {field > level}: components, tunnels, cavities.
 
     Its surface has b0 + b2 components with total genus b1.
@@ -58,27 +82,26 @@ def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: i
         connectivity: 6 or 26, that of the solid; its cavities are regions of the background under the other one.
 
     Returns:
-        (..., 3) int64 tensor of b0, b1 = b0 + b2 - chi and b2, on the field's device.
+        (..., 3) int64 tensor of b0, b1 = b0 + b2 - χ and b2, on the field's device.
 
     Raises:
         InputError: if the field has fewer than three axes, or the connectivity is neither 6 nor 26.
     """
     field = as_grid(field, connectivity)
     euler = solid_euler(field, level, connectivity)
-    outer = []
+    counts = []
     for item in np.ndindex(*euler.shape):
         inside = (field[item] > level).cpu().numpy()
-        _, components = _label(inside, connectivity)
-        _, regions = _label(~np.pad(inside, 1), 32 - connectivity)
-        outer.append((components, regions - 1))
-    b0, b2 = euler.new_tensor(outer).reshape(*euler.shape, 2).unbind(-1)
+        n_regions = _label(~np.pad(inside, 1), dual_connectivity(connectivity))[1]
+        counts.append((_label(inside, connectivity)[1], n_regions - 1))
+    b0, b2 = euler.new_tensor(counts).reshape(*euler.shape, 2).unbind(-1)
     return torch.stack((b0, b0 + b2 - euler, b2), dim=-1)
 
 
-def grid_components(
-    field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6
-) -> tuple[Tensor, list[GridComponent]]:
-    """Components of the solid {field > level}, each with its own topology and its place among the others.
+def betti_by_component(
+    field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY
+) -> Tensor:
+    """Betti numbers of each component of the solid {field > level} by itself, the largest component first.
 
     Args:
         field: (X, Y, Z), any real dtype but uint64, any device. NaN counts as background.
@@ -86,56 +109,116 @@ def grid_components(
         connectivity: 6 or 26, that of the solid.
 
     Returns:
-        (X, Y, Z) tensor of labels on the CPU, 0 for background, and one entry for each label 1, 2, ...
+        (C, 3) int64 tensor on the CPU: 1, the tunnels and the cavities of each component.
 
     Raises:
         InputError: if the field does not have three axes, or the connectivity is neither 6 nor 26.
     """
     inside = (as_grid(field, connectivity) > level).cpu()
     if inside.dim() != 3:
-        raise InputError(f"components are those of one field (X, Y, Z), not of shape {tuple(inside.shape)}")
-    index = critical_index(inside, connectivity).numpy()
-    labels, count = _label(inside.numpy(), connectivity)
-    voxels = np.bincount(labels.ravel(), minlength=count + 1)
-    euler = np.bincount(labels.ravel(), weights=index.ravel(), minlength=count + 1).astype(int)
-    around, cavities = _nesting(labels, count, connectivity)
-    table = [
-        GridComponent(
-            label=label,
-            voxels=int(voxels[label]),
-            euler=2 * int(euler[label]),
-            tunnels=1 + int(cavities[label]) - int(euler[label]),
-            cavities=int(cavities[label]),
-            box=((x.start, x.stop), (y.start, y.stop), (z.start, z.stop)),
-            inside=int(around[label]) or None,
-            touches_border=any(s.start == 0 or s.stop == n for s, n in zip((x, y, z), labels.shape, strict=True)),
-        )
-        for label, (x, y, z) in enumerate(ndimage.find_objects(labels) if count else [], start=1)
-    ]
-    return torch.from_numpy(labels), table
+        raise InputError(f"components are those of one field (X, Y, Z), not of shape {tuple(inside.shape)}.")
+    tree = _adjacency_tree(np.pad(inside.numpy(), 1), connectivity)
+    solid = slice(tree.n_background, None)
+    cavities = np.bincount(tree.parent[1 : tree.n_background], minlength=tree.count)[solid]
+    tunnels = 1 + cavities - tree.half_euler_sums(of_solid=True)[solid]
+    voxels = np.bincount(tree.labels.ravel(), minlength=tree.count)[solid]
+    table = np.stack((np.ones_like(tunnels), tunnels, cavities), axis=1)
+    return torch.from_numpy(table[np.argsort(-voxels, kind="stable")])
 
 
-def _nesting(labels: Integers, count: int, connectivity: int) -> tuple[Integers, Integers]:
-    """For each label, entry 0 unused: the label of the component around it (0: none), and its number of cavities."""
-    labels = np.pad(labels, 1)
-    regions, region_count = _label(labels == 0, 32 - connectivity)
-    nodes = np.where(labels > 0, labels, count + regions)
-    outside = nodes[0, 0, 0]
-    pairs = []
+def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> CountedComponents:
+    """The connected closed surfaces of a solid on a grid, outer walls and cavity walls, largest area first.
+
+    Args:
+        inside: (X, Y, Z) bool, with at least one voxel inside.
+        connectivity: 6 or 26, that of the solid.
+        grid: where the centers of the voxels are.
+
+    Returns:
+        One row per surface, with exact χ, genus, nesting and bounding box (of the voxels, half a step around their
+        centers). `area_shares` counts the faces between voxels.
+    """
+    box = occupied_box(inside)
+    padded = np.pad(inside[tuple(slice(*span) for span in box)].cpu().numpy(), 1)
+    tree = _adjacency_tree(padded, connectivity)
+    depth = tree.depths()
+    euler = _wall_eulers(tree, depth)
+    areas = _wall_areas(tree, depth, grid.spacing)
+    low, high = _corners(tree, grid, [first - 1 for first, _ in box])
+    ranked = 1 + np.argsort(-areas[1:], kind="stable")
+    rank = np.full(tree.count, -1)
+    rank[ranked] = np.arange(len(ranked))
+    return CountedComponents(
+        euler=euler[ranked],
+        genera=genus_of(euler[ranked]),
+        boundary_loops=np.zeros_like(ranked),
+        low=low[ranked],
+        high=high[ranked],
+        area_shares=areas[ranked] / areas.sum(),
+        inside=rank[tree.parent[ranked]],
+        depths=depth[ranked] - 1,
+    )
+
+
+def occupied_box(inside: Tensor) -> list[tuple[int, int]]:
+    """First and last + 1 of the layers along each axis that hold a voxel of a solid (X, Y, Z), which must have one."""
+    box = []
     for axis in range(3):
-        layers = np.moveaxis(nodes, axis, 0)
+        layers = inside.any(dim=[other for other in range(3) if other != axis]).nonzero()[:, 0]
+        box.append((int(layers[0]), int(layers[-1]) + 1))
+    return box
+
+
+def _adjacency_tree(padded: Bools, connectivity: int) -> _AdjacencyTree:
+    """The tree of a solid (X, Y, Z) with background in all outermost layers."""
+    solid, n_solid = _label(padded, connectivity)
+    labels, n_background = _label(~padded, dual_connectivity(connectivity))
+    labels -= 1  # the outside is the first background region in scan order, so it becomes 0
+    np.copyto(labels, solid + (n_background - 1), where=padded)
+    count = n_background + n_solid
+    parent = np.full(count, -1)
+    before = np.asarray(np.unravel_index(_first_voxels(labels, count)[1:], labels.shape))
+    before[0] -= 1  # a node's first voxel lies on its outer wall: the voxel before it along x belongs to its parent
+    parent[1:] = labels[tuple(before)]
+    return _AdjacencyTree(labels, n_background, count, parent, connectivity)
+
+
+def _first_voxels(labels: Labels, count: int) -> Integers:
+    """Flat index of the first voxel of every label in scan order."""
+    flat = labels.ravel()
+    starts = np.flatnonzero(np.diff(flat, prepend=-1))  # a label's first voxel starts a run
+    first = np.empty(count, dtype=np.int64)
+    first[flat[starts[::-1]]] = starts[::-1]  # of repeated indices the one written last remains: the first in the grid
+    return first
+
+
+def _wall_eulers(tree: _AdjacencyTree, depth: Integers) -> Integers:
+    """χ of the outer wall of every node: that of all its walls minus its children's outer walls (meaningless for 0)."""
+    euler = 2 * (tree.half_euler_sums(of_solid=True) + tree.half_euler_sums(of_solid=False))
+    for level in range(int(depth.max()), 1, -1):
+        nodes = np.flatnonzero(depth == level)
+        np.subtract.at(euler, tree.parent[nodes], euler[nodes])
+    return euler
+
+
+def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> Floats:
+    """Area of the voxel faces between every node and its parent."""
+    areas = np.zeros(tree.count)
+    for axis in range(3):
+        layers = np.moveaxis(tree.labels, axis, 0)
         differ = layers[:-1] != layers[1:]
-        pairs.append((layers[:-1][differ], layers[1:][differ]))
-    lower, upper = np.concatenate(pairs, axis=1)
-    size = count + region_count + 1
-    graph = sparse.coo_array((np.ones(len(lower), dtype=bool), (lower, upper)), shape=(size, size)).tocsr()
-    _, above = sparse.csgraph.breadth_first_order(graph, outside, directed=False)  # a tree: solid, region, solid, ...
-    above[0] = outside
-    around = np.maximum(above[above[: count + 1]], 0)  # the outside has nothing above it: a negative number
-    enclosed = above[count + 1 :]
-    cavities = np.bincount(enclosed[enclosed > 0], minlength=count + 1)
-    return around, cavities
+        lower, upper = layers[:-1][differ], layers[1:][differ]
+        child = np.where(depth[lower] > depth[upper], lower, upper)
+        areas += np.bincount(child, minlength=tree.count) * (np.prod(spacing) / spacing[axis])
+    return areas
 
 
-def _label(mask: NDArray[np.bool_], connectivity: int) -> tuple[Integers, int]:
+def _corners(tree: _AdjacencyTree, grid: Grid, first: list[int]) -> tuple[Floats, Floats]:
+    """Lowest and highest corners (count, 3) of every node's voxels; `first`: grid index of the tree's first voxel."""
+    spans = np.array([[(span.start, span.stop) for span in box] for box in ndimage.find_objects(tree.labels + 1)])
+    places = np.asarray(grid.origin) + np.asarray(grid.spacing) * (spans.swapaxes(1, 2) + (np.asarray(first) - 0.5))
+    return places[:, 0], places[:, 1]
+
+
+def _label(mask: Bools, connectivity: int) -> tuple[Labels, int]:
     return ndimage.label(mask, structure=np.ones((3, 3, 3)) if connectivity == 26 else None)

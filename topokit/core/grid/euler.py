@@ -11,13 +11,13 @@ Which voxels touch is a choice:
 Each is the dual of the other: with one layer of background added all round,
 χ₂₆(solid) = χ₆(padded background) − 1.
 
-Everything else rests on one remark. As the level t falls, a cell enters {F > t} together with one voxel: the lowest of
-its vertices (connectivity 6) or the highest of the voxels around it (26). Booking each cell on that voxel gives
+As the level t falls, a cell enters {F > t} together with one voxel: the lowest of its vertices (connectivity 6) or the
+highest of the voxels around it (26). Assigning each cell to that voxel (a lower-star filtration) gives
 
-    index(v) = sum of (-1)^dim over the cells booked on v,      χ{F > t} = sum of index(v) over voxels with F(v) > t.
+    index(v) = sum of (-1)^dim over the cells assigned to v,      χ{F > t} = sum of index(v) over voxels with F(v) > t.
 
-The index vanishes except at the critical points of the field. Weighted with sigmoid(F / tau) it sums to the
-characteristic averaged over levels; that of a binary field sums to each component's own over the component's voxels.
+The index vanishes except at the critical points of the field. Weighted with sigmoid(F / tau), it sums to the Euler
+characteristic averaged over levels. The index of a binary field, summed over one component, is that component's χ.
 
 References:
     T. Banchoff, "Critical points and curvature for embedded polyhedra", J. Differential Geometry 1, 1967,
@@ -40,14 +40,40 @@ from topokit.errors import InputError
 
 Compare = Callable[[Tensor, Tensor], Tensor]
 
+DEFAULT_CONNECTIVITY = 26  # of the solid, everywhere: volumes, fields of functions and samples, losses, monitors
+
 _AXES = (-1, -2, -3)  # in this order ties are broken lexicographically
 _WIDER = {torch.uint16: torch.int32, torch.uint32: torch.int64}
-_SLAB = 1 << 20  # bytes of the field handled at a time: few enough for cache and memory, enough to hide a call's cost
-_COUNT_SLAB = 1 << 22  # the same for the exact count, whose calls are the cheapest
+_SLAB = 1 << 20  # bytes of the field handled at a time: small enough for the cache, large enough to hide a call's cost
+_COUNT_SLAB = 1 << 22  # the same for the exact count, whose calls are cheaper
 
 
-def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = 6) -> Tensor:
-    """Exact Euler characteristic of the solid {field > level}; that of its surface is twice this.
+def check_connectivity(connectivity: int) -> int:
+    """The connectivity itself.
+
+    Raises:
+        InputError: if it is neither 6 nor 26.
+    """
+    if connectivity not in (6, 26):
+        raise InputError(f"connectivity must be 6 or 26, not {connectivity!r}.")
+    return connectivity
+
+
+def dual_connectivity(connectivity: int) -> int:
+    """The connectivity of the background, given that of the solid: 26 for 6 and 6 for 26."""
+    return 32 - connectivity
+
+
+def surface_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
+    """Exact Euler characteristic of the closed surface of the solid {field > level}: twice that of the solid.
+
+    Arguments, result and errors are those of `solid_euler`.
+    """
+    return 2 * solid_euler(field, level, connectivity)
+
+
+def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
+    """Exact Euler characteristic of the solid {field > level}.
 
     Memory beyond the field itself is bounded by a few slabs of layers.
 
@@ -73,7 +99,7 @@ def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int
     return total if connectivity == 6 else total - 1
 
 
-def critical_index(field: Tensor | ArrayLike, connectivity: int = 6) -> Tensor:
+def critical_index(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
     """Change of the solid's Euler characteristic as the falling level passes each voxel.
 
     Its sum over the voxels with field > t is `solid_euler(field, t)`, for every t. It is +1 where a component
@@ -99,13 +125,15 @@ def critical_index(field: Tensor | ArrayLike, connectivity: int = 6) -> Tensor:
         field = field.view(torch.uint8)
     index = torch.empty(field.shape, dtype=torch.int8, device=field.device)
     for start, stop in _slabs(field, _SLAB):
-        first = max(start - 1, 0)  # the index depends on the 26 neighbours: one more layer on either side will do
+        first = max(start - 1, 0)  # the index depends on the 26 neighbors: one more layer on either side is enough
         slab = _slab_index(field[..., first : stop + 1, :, :], connectivity)
         index[..., start:stop, :, :] = slab.narrow(-3, start - first, stop - start)
     return index
 
 
-def smoothed_euler(field: Tensor, tau: float | Tensor, level: float = 0.0, connectivity: int = 6) -> Tensor:
+def smoothed_euler(
+    field: Tensor, tau: float | Tensor, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY
+) -> Tensor:
     """Euler characteristic of the *surface* of {field > t}, averaged over t ~ Logistic(level, tau); differentiable.
 
     This is 2 sum over cells of (-1)^dim sigmoid((f(cell) - level) / tau), f(cell) being the value at which the cell
@@ -122,7 +150,7 @@ def smoothed_euler(field: Tensor, tau: float | Tensor, level: float = 0.0, conne
             values are allowed and have gradient 0; NaN gives NaN.
         tau: scale of the levels, positive: a number, or a tensor that broadcasts with the batch axes (...). Where it
             needs a gradient the field must be finite.
-        level: centre of the levels.
+        level: center of the levels.
         connectivity: 6 or 26, that of the solid.
 
     Returns:
@@ -134,11 +162,11 @@ def smoothed_euler(field: Tensor, tau: float | Tensor, level: float = 0.0, conne
     """
     if not isinstance(field, Tensor) or not field.is_floating_point():
         kind = field.dtype if isinstance(field, Tensor) else type(field).__name__
-        raise InputError(f"the smoothed Euler characteristic needs a floating-point tensor, not {kind}")
+        raise InputError(f"the smoothed Euler characteristic needs a floating-point tensor, not {kind}.")
     if isinstance(tau, Tensor):
         tau = tau[..., None, None, None]
     elif not tau > 0:
-        raise InputError(f"tau must be positive, not {tau}")
+        raise InputError(f"tau must be positive, not {tau}.")
     index = critical_index(field, connectivity)
     layers = _slab_layers(field, _SLAB)
     total = torch.zeros((), device=field.device)
@@ -159,9 +187,8 @@ def as_grid(field: Tensor | ArrayLike, connectivity: int) -> Tensor:
     """
     field = torch.as_tensor(field)
     if field.dim() < 3:
-        raise InputError(f"a field on a grid has shape (..., X, Y, Z), not {tuple(field.shape)}")
-    if connectivity not in (6, 26):
-        raise InputError(f"connectivity must be 6 or 26, not {connectivity}")
+        raise InputError(f"a field on a grid has shape (..., X, Y, Z), not {tuple(field.shape)}.")
+    check_connectivity(connectivity)
     return comparable(field)
 
 
@@ -187,21 +214,21 @@ def _alternating_count(cells: Tensor, axes: tuple[int, ...] = (-1, -2)) -> Tenso
 def _slab_index(field: Tensor, connectivity: int) -> Tensor:
     """Critical index of a slab, as if there were nothing beyond it."""
     if connectivity == 6:
-        return _booked(field, torch.minimum, torch.le, _AXES)
+        return _lower_star_index(field, torch.minimum, torch.le, _AXES)
     lowest = float("-inf") if field.is_floating_point() else torch.iinfo(field.dtype).min
     padded = pad(field, (1,) * 6, value=lowest)
-    return -_booked(padded, torch.maximum, torch.ge, _AXES)[..., 1:-1, 1:-1, 1:-1]
+    return -_lower_star_index(padded, torch.maximum, torch.ge, _AXES)[..., 1:-1, 1:-1, 1:-1]
 
 
-def _booked(value: Tensor, extreme: Compare, comes_first: Compare, axes: tuple[int, ...]) -> Tensor:
-    """Sum of (-1)^dim over the blocks spanned by the axes, each booked on its voxel of extreme value, as int8."""
+def _lower_star_index(value: Tensor, extreme: Compare, comes_first: Compare, axes: tuple[int, ...]) -> Tensor:
+    """Sum of (-1)^dim over the blocks spanned by the axes, each assigned to its voxel of extreme value, as int8."""
     if not axes:
         return torch.ones_like(value, dtype=torch.int8)
     axis, others = axes[0], axes[1:]
     lower, upper = _neighbors(value, axis)
-    across = _booked(extreme(lower, upper), extreme, comes_first, others)
+    across = _lower_star_index(extreme(lower, upper), extreme, comes_first, others)
     to_lower = across * comes_first(lower, upper)
-    index = _booked(value, extreme, comes_first, others)
+    index = _lower_star_index(value, extreme, comes_first, others)
     index_of_lower, index_of_upper = _neighbors(index, axis)
     index_of_lower -= to_lower
     index_of_upper -= across - to_lower
@@ -209,7 +236,7 @@ def _booked(value: Tensor, extreme: Compare, comes_first: Compare, axes: tuple[i
 
 
 def _neighbors(tensor: Tensor, axis: int) -> tuple[Tensor, Tensor]:
-    """Views of the lower and of the upper voxel of every pair of neighbours along an axis."""
+    """Views of the lower and of the upper voxel of every pair of neighbors along an axis."""
     pairs = max(tensor.shape[axis] - 1, 0)
     return tensor.narrow(axis, 0, pairs), tensor.narrow(axis, tensor.shape[axis] - pairs, pairs)
 

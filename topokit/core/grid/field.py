@@ -1,4 +1,4 @@
-"""A shape that is given by a field: values on a grid, and the smoothed Euler characteristic that moves topology."""
+"""Scalar fields on grids, and the smoothed Euler characteristic whose gradient changes topology."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ from abc import ABC, abstractmethod
 import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import at_least_single, critical_index, smoothed_euler, solid_euler
+from topokit.core.grid.euler import (
+    DEFAULT_CONNECTIVITY,
+    at_least_single,
+    check_connectivity,
+    critical_index,
+    surface_euler,
+)
+from topokit.core.grid.grid import Grid
 from topokit.errors import InputError
+
+SMALLEST_TAU = 1e-30  # slopes go with 1 / τ, and single precision has to hold them
 
 
 class Field(ABC):
     """A scalar field on a regular grid, positive inside the solid, and background outside the grid.
 
-    A subclass gives `values`; where they are cheaper one by one than all with a graph it overrides `detached`,
-    `values_at` and `smoothed_euler`, too.
+    A subclass defines `values`. Where single values are cheaper than all of them with a graph, it overrides `values_at`
+    too.
 
     Attributes:
-        origin: position of the first grid point, (x, y, z), in units of length.
-        spacing: step along each axis, in units of length.
-        shape: grid points along each axis.
+        grid: its geometry.
         connectivity: 6 or 26, that of the solid; the background has the other one.
+
+    Raises:
+        InputError: for another connectivity.
     """
 
-    def __init__(
-        self,
-        origin: tuple[float, float, float],
-        spacing: tuple[float, float, float],
-        shape: tuple[int, ...],
-        connectivity: int,
-    ) -> None:
-        if connectivity not in (6, 26):
-            raise InputError(f"connectivity must be 6 or 26, got {connectivity!r}.")
-        self.origin = origin
-        self.spacing = spacing
-        self.shape = shape
-        self.connectivity = connectivity
+    def __init__(self, grid: Grid, connectivity: int) -> None:
+        self.grid = grid
+        self.connectivity = check_connectivity(connectivity)
 
     @abstractmethod
     def values(self) -> Tensor:
@@ -47,66 +47,49 @@ class Field(ABC):
         with torch.no_grad():
             return self.values().detach()
 
-    def values_at(self, voxels: Tensor) -> Tensor:
-        """The values at grid points (M, 3) int64, as (M,); differentiable as `values` is."""
-        x, y, z = voxels.unbind(1)
+    def values_at(self, vertices: Tensor) -> Tensor:
+        """The values at grid vertices (M, 3) int64, as (M,); differentiable as `values` is."""
+        x, y, z = vertices.unbind(1)
         return self.values()[x, y, z]
 
-    def smoothed_euler(self, tau: float, values: Tensor | None = None) -> Tensor:
-        """χ_τ of the surface, see `topokit.core.grid.euler.smoothed_euler`; differentiable.
+    def exact_euler(self, connectivity: int | None = None) -> Tensor:
+        """χ of the surface of {values > 0}, a 0-d int64 tensor; in the field's own connectivity if None is given."""
+        return surface_euler(self.detached(), connectivity=connectivity or self.connectivity)
+
+    def smoothed_euler(self, tau: float | None = None, values: Tensor | None = None) -> Tensor:
+        """χ_τ of the surface on the field's own grid and in its own connectivity (see `euler.smoothed_euler`).
+
+        χ_τ depends only on the values at critical vertices, so only these are evaluated with a graph.
 
         Args:
-            tau: scale of the levels.
-            values: what `detached` returns, if it is at hand: then only the critical grid points, which are all that
-                χ_τ depends on, are evaluated with a graph.
-        """
-        if values is None:
-            return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
-        index = critical_index(values, self.connectivity)
-        counts = (index != 0) | values.isnan()  # NaN gives NaN, as everywhere
-        critical = at_least_single(self.values_at(counts.nonzero()))
-        return 2 * (index[counts] * torch.sigmoid(critical / tau)).sum()
-
-    def exact_euler(self) -> Tensor:
-        """χ of the surface of {values > 0} on the grid: the limit of χ_τ as τ → 0, a 0-d int64 tensor."""
-        return 2 * solid_euler(self.values(), connectivity=self.connectivity)
-
-    def typical_change(self) -> float:
-        """The field's typical change over one cell where it changes its sign: the default of τ.
-
-        Raises:
-            InputError: if the field has the same sign at all grid points, so that there is no such cell.
-        """
-        return median_step_at_crossings(self.detached())
-
-    def euler(self, tau: float | None = None) -> Tensor:
-        """χ_τ of the field on its own grid, in its own connectivity.
-
-        Args:
-            tau: scale of the levels, in units of the field; `typical_change()` if None. 0 gives the exact integer of
-                the grid, without a gradient.
+            tau: scale of the levels, in units of the field; `default_tau` if None. 0 gives the exact integer of the
+                grid, without a gradient.
+            values: what `detached` returns, if it is known already.
 
         Returns:
             0-d tensor, differentiable for τ > 0.
 
         Raises:
-            InputError: if τ is negative or not finite.
+            InputError: if τ is negative or not finite; or if it is None and the field has the same sign everywhere.
         """
-        tau = checked_tau(self.typical_change() if tau is None else tau)
-        return self.smoothed_euler(tau) if tau > 0 else self.exact_euler()
+        if tau is not None and not 0 <= tau < float("inf"):
+            raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
+        if tau == 0:
+            return self.exact_euler()
+        values = self.detached() if values is None else values
+        tau = default_tau(values) if tau is None else tau
+        index = critical_index(values, self.connectivity)
+        counts = (index != 0) | values.isnan()  # NaN gives NaN, as everywhere
+        critical = at_least_single(self.values_at(counts.nonzero()))
+        return 2 * (index[counts] * torch.sigmoid(critical / tau)).sum()
 
 
 class GridField(Field):
-    """A field that is its values on the grid (X, Y, Z), level subtracted."""
+    """A field given by its values (X, Y, Z), level subtracted, on a grid of unit cells unless stated otherwise."""
 
-    def __init__(
-        self,
-        values: Tensor,
-        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        spacing: tuple[float, float, float] = (1.0, 1.0, 1.0),
-        connectivity: int = 6,
-    ) -> None:
-        super().__init__(origin, spacing, tuple(values.shape), connectivity)
+    def __init__(self, values: Tensor, grid: Grid | None = None, connectivity: int = DEFAULT_CONNECTIVITY) -> None:
+        x, y, z = values.shape
+        super().__init__(grid or Grid((x, y, z)), connectivity)
         self._values = values
 
     def values(self) -> Tensor:
@@ -114,26 +97,16 @@ class GridField(Field):
         return self._values
 
 
-def euler_of_field(field: Field | None, tau: float | None, name: str) -> Tensor:
-    """`field.euler(tau)`.
+def default_tau(values: Tensor) -> float:
+    """The default of τ everywhere: half the typical change of a field over one cell at its zero crossings.
+
+    Args:
+        values: (X, Y, Z), level subtracted.
 
     Raises:
-        InputError: if there is no field, or τ makes no sense.
+        InputError: if all values have the same sign, so that nothing crosses zero.
     """
-    if field is None:
-        raise InputError(f"{name} has no field, so method='field' cannot be used: use 'gauss-bonnet'.")
-    return field.euler(tau)
-
-
-def checked_tau(tau: float) -> float:
-    """τ itself.
-
-    Raises:
-        InputError: if it is negative or not finite.
-    """
-    if not 0 <= tau < float("inf"):
-        raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
-    return tau
+    return max(0.5 * median_step_at_crossings(values), SMALLEST_TAU)
 
 
 def median_step_at_crossings(values: Tensor) -> float:

@@ -1,92 +1,20 @@
-"""Quadratic B-splines between scattered points and a regular grid: splatting, gathering, and their derivatives.
+"""Quadratic B-spline interpolation on a regular grid (`gather`), its adjoint (`splat`), and the derivatives of both.
 
-Gathering with the weights with which samples were splatted is the exact adjoint of splatting, and the analytic slope of
-the weights gives the divergence of splatted vectors without a difference stencil.
+Both use the same weights, so each is the exact adjoint of the other; the analytic slope of the weights gives the
+divergence of splatted vectors without finite differences.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from topokit.errors import InputError
+from topokit.core.grid.grid import Grid
 
 _BLOCK = 1 << 16  # points whose 27 weights and slopes are held at once
-
-
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """A box of cubic cells whose vertices carry the values of a field.
-
-    Attributes:
-        origin: (3,), position of vertex (0, 0, 0).
-        cell: edge length of one cell, in units of the points.
-        shape: vertices along each axis.
-    """
-
-    origin: Tensor
-    cell: float
-    shape: tuple[int, int, int]
-
-
-def make_grid(
-    points: Tensor,
-    spacing: float,
-    cells_per_spacing: float = 2.0,
-    maximum_vertices: int = 192**3,
-    minimum_length: int = 64,
-    margin: float = 0.12,
-    margin_cells: int = 8,
-) -> Grid:
-    """A padded grid whose cell follows from the sample spacing.
-
-    Args:
-        points: (N, 3) sample positions.
-        spacing: typical distance between neighboring samples, √(area / N).
-        cells_per_spacing: cells that one spacing should span.
-        maximum_vertices: the cell grows until the grid has at most this many vertices.
-        minimum_length: the longest axis has about this many vertices at least.
-        margin: padding on each side as a share of the longest side (Fourier space is periodic).
-        margin_cells: padding on each side in cells, at least.
-
-    Raises:
-        InputError: if the points have no extent, are not finite, or the spacing is not positive.
-    """
-    if len(points) == 0 or not spacing > 0:
-        raise InputError(f"a grid around {len(points)} points needs a positive spacing, not {spacing:g}.")
-    low, high = points.detach().amin(0), points.detach().amax(0)
-    extent = (high - low).double()
-    longest = float(extent.max())
-    if not math.isfinite(longest) or longest <= 0.0:
-        raise InputError("the points are all in one place or not finite, so no grid can be laid around them.")
-    cell = min(spacing / cells_per_spacing, longest / (minimum_length * 0.7))
-    while True:
-        pad = 2 * max(margin * longest, margin_cells * cell)
-        x, y, z = (_fast_length(math.ceil((float(side) + pad) / cell) + 1) for side in extent)
-        n_vertices = x * y * z
-        if n_vertices <= maximum_vertices:
-            break
-        cell *= 1.02 * max(1.0, (n_vertices / maximum_vertices) ** (1 / 3) * 0.98)
-    middle = (low + high).double() / 2
-    size = torch.tensor([(n - 1) * cell for n in (x, y, z)], dtype=torch.float64, device=points.device)
-    return Grid((middle - size / 2).to(points), cell, (x, y, z))
-
-
-def _fast_length(length: int) -> int:
-    """Smallest even number not below `length`, and not below 8, whose only prime factors are 2, 3 and 5."""
-    candidate = max(8, length + (length % 2))
-    while True:
-        rest = candidate
-        for prime in (2, 3, 5):
-            while rest % prime == 0:
-                rest //= prime
-        if rest == 1:
-            return candidate
-        candidate += 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,14 +27,14 @@ class _Stencil:
 
 
 class GridSampler:
-    """The two-way street between N points and a grid; differentiable in the points, in the values and in the field.
+    """B-spline interpolation between N points and a grid; differentiable in the points, the values and the field.
 
-    Weights of few points are kept from call to call, those of many are recomputed block by block, so that without
-    gradients the memory beyond points and grid is bounded.
+    The weights of few points are kept between calls, those of many are recomputed block by block. So the memory beyond
+    points and grid is bounded where no gradients are needed.
     """
 
     def __init__(self, points: Tensor, grid: Grid) -> None:
-        """Args: points (N, 3), any float dtype and device; grid around them (beyond it the outermost cells count)."""
+        """Args: points (N, 3), any float dtype and device; grid: of cubes, around the points."""
         self.points = points
         self.grid = grid
         self._kept = _stencil(points, grid) if len(points) <= _BLOCK else None
@@ -135,11 +63,13 @@ class GridSampler:
     def gather_gradient(self, field: Tensor) -> Tensor:
         """The gradient of the interpolated field at the points, (N, 3), per unit of length."""
         flat = field.reshape(-1)
-        parts = [torch.einsum("nk,nkc->nc", flat[stencil.index], stencil.slope) for _, stencil in self._blocks()]
+        parts = []
+        for _, stencil in self._blocks():
+            parts.append(torch.einsum("nk,nkc->nc", flat[stencil.index].to(stencil.slope.dtype), stencil.slope))
         return torch.cat(parts)
 
     def _empty(self, values: Tensor) -> Tensor:
-        return torch.zeros(math.prod(self.grid.shape), dtype=values.dtype, device=values.device)
+        return torch.zeros(self.grid.n_vertices, dtype=values.dtype, device=values.device)
 
     def _blocks(self) -> Iterator[tuple[slice, _Stencil]]:
         for start in range(0, max(len(self.points), 1), _BLOCK):
@@ -148,7 +78,7 @@ class GridSampler:
 
 
 def _stencil(points: Tensor, grid: Grid) -> _Stencil:
-    position = (points - grid.origin) / grid.cell
+    position = (points - points.new_tensor(grid.origin)) / grid.cell
     nearest = position.detach().round()
     offset = position - nearest  # in [−1/2, 1/2]
     limit = torch.tensor(grid.shape, device=points.device) - 2

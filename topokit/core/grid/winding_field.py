@@ -1,8 +1,8 @@
-"""The winding-number field of oriented surface samples on a regular grid: the global witness's field.
+"""The winding-number field of oriented surface samples on a regular grid.
 
 Oriented samples are a dipole layer. Their winding number w(q) = Σ Aᵢ nᵢ·(pᵢ − q) / (4π|pᵢ − q|³) is one inside, zero
-outside, and solves Δw = −div Σ Aᵢ nᵢ δ(x − pᵢ). On a padded grid that is one real Fourier transform forward, a diagonal
-filter and one back. Everything here is differentiable in points, normals and areas. Normals point outward.
+outside, and solves Δw = −div Σ Aᵢ nᵢ δ(x − pᵢ). On a padded grid this takes one real Fourier transform, a diagonal
+filter and the inverse transform. Everything here is differentiable in points, normals and areas. Normals point outward.
 
 References:
     M. Kazhdan, M. Bolitho, H. Hoppe, "Poisson surface reconstruction", SGP 2006, doi:10.2312/SGP/SGP06/061-070.
@@ -18,43 +18,38 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.core.grid.splines import Grid, GridSampler
+from topokit.core.grid.grid import Grid
+from topokit.core.grid.splines import GridSampler
 from topokit.core.linalg import normalize
 from topokit.errors import InputError
 
 _PAIRS = 1 << 22  # differences held at once by the direct sum
 
 
-def squared_wavenumbers(grid: Grid, like: Tensor) -> Tensor:
-    """|k|² in units of 1/cell² on the half-spectrum of `rfftn`, (X, Y, Z // 2 + 1), dtype and device as `like`."""
-    x, y, z = _squared_frequencies(grid, like)
-    return x[:, None, None] + y[None, :, None] + z[None, None, :]
-
-
-def _squared_frequencies(grid: Grid, like: Tensor) -> list[Tensor]:
-    axes = [torch.fft.fftfreq(n, dtype=like.dtype, device=like.device) for n in grid.shape[:2]]
-    axes.append(torch.fft.rfftfreq(grid.shape[2], dtype=like.dtype, device=like.device))
-    return [(2 * math.pi * axis) ** 2 for axis in axes]
-
-
 class PoissonFilter:
     """Inverse of minus the Laplacian on a periodic grid, smoothed by a Gaussian: exp(−σ²k²/2) / k² in Fourier space.
 
-    Symmetric; the mean of the result is zero. The input is a sum of splatted samples, which the cell's volume makes a
-    density.
+    Symmetric; the mean of the result is zero. The input is a sum of splatted samples, which becomes a density by
+    division by the cell's volume.
     """
 
     def __init__(self, grid: Grid, sigma: float, like: Tensor) -> None:
-        """Args: grid; sigma: standard deviation of the Gaussian in cells; like: whose dtype and device to use."""
-        squares = _squared_frequencies(grid, like)
-        x, y, z = (torch.exp(-0.5 * sigma**2 * square) for square in squares)  # the Gaussian is separable
-        multiplier = squares[0][:, None, None] + (squares[1][:, None] + squares[2])
-        multiplier[0, 0, 0] = 1.0
-        # a density has cell⁻³ and a dimensional k has cell⁻¹: together 1 / cell
-        multiplier.reciprocal_().mul_((x / grid.cell)[:, None, None]).mul_(y[:, None] * z)
-        multiplier[0, 0, 0] = 0.0
-        self._multiplier = multiplier
+        """Args: grid: of cubes; sigma: standard deviation of the Gaussian in cells; like: gives dtype and device."""
         self._shape = grid.shape
+        self._cell = grid.cell
+        axes = [torch.fft.fftfreq(n, dtype=like.dtype, device=like.device) for n in grid.shape[:2]]
+        axes.append(torch.fft.rfftfreq(grid.shape[2], dtype=like.dtype, device=like.device))
+        self._squares = [(2 * math.pi * axis) ** 2 for axis in axes]  # of wave numbers per cell
+        squared = self._squares[0][:, None, None] + (self._squares[1][:, None] + self._squares[2])
+        squared[0, 0, 0] = torch.inf  # the mean becomes zero
+        self._inverse = squared.reciprocal_()
+        self.smooth(sigma)
+
+    def smooth(self, sigma: float) -> None:
+        """Set another Gaussian, of standard deviation `sigma` in cells; 1/k² is kept."""
+        x, y, z = (torch.exp(-0.5 * sigma**2 * square) for square in self._squares)  # the Gaussian is separable
+        # a density has cell⁻³ and a dimensional k has cell⁻¹: together 1 / cell
+        self._multiplier = (self._inverse * (x / self._cell)[:, None, None]).mul_(y[:, None] * z)
 
     def __call__(self, density: Tensor) -> Tensor:
         """Filter a field of the grid's shape."""
@@ -67,7 +62,7 @@ class WindingField:
 
     Attributes:
         values: field of shape `grid.shape`; about 1 inside, about 0 outside.
-        grid: where the vertices are.
+        grid: its geometry.
         sigma: Gaussian smoothing in cells.
     """
 
@@ -91,7 +86,7 @@ def winding_field(points: Tensor, normals: Tensor, areas: Tensor, grid: Grid, si
         points: (N, 3), any float dtype and device.
         normals: (N, 3), unit, outward.
         areas: (N,), surface area that each sample stands for.
-        grid: around the points with a margin, see `splines.make_grid`.
+        grid: around the points with a margin, see `make_grid`.
         sigma: Gaussian smoothing in cells.
 
     Returns:
@@ -110,18 +105,18 @@ def winding_field(points: Tensor, normals: Tensor, areas: Tensor, grid: Grid, si
 def regularize(
     points: Tensor, normals: Tensor, areas: Tensor, grid: Grid, sigma: float = 1.5, steps: int = 2
 ) -> tuple[Tensor, Tensor]:
-    """Move samples onto {w = ½} and read their normals off the field (the paper's winding-number regularization).
+    """Move samples onto {w = ½} and take their normals from the field (the paper's winding-number regularization).
 
     Args:
         points: (N, 3).
         normals: (N, 3), unit, outward.
         areas: (N,).
         grid: as for `winding_field`.
-        sigma: Gaussian smoothing in cells; it decides how much noise is removed.
-        steps: Newton steps, none of them longer than the smoothing length.
+        sigma: Gaussian smoothing in cells; more removes more noise.
+        steps: Newton steps, each at most as long as the smoothing length.
 
     Returns:
-        Points (N, 3) and outward unit normals (N, 3); where the field is flat the given normals stay. Differentiable.
+        Points (N, 3) and outward unit normals (N, 3), those given where the field is flat. Differentiable.
 
     Raises:
         InputError: if the shapes do not fit.
@@ -140,10 +135,10 @@ def regularize(
 
 
 def direct_winding_number(queries: Tensor, points: Tensor, normals: Tensor, areas: Tensor) -> Tensor:
-    """Winding numbers by direct summation over all samples: slow and exact, the oracle of `winding_field`.
+    """Winding numbers by direct summation over all samples: slow and exact; the reference for `winding_field`.
 
     Args:
-        queries: (M, 3), away from the samples, where the sum is singular.
+        queries: (M, 3), away from the samples: the sum is singular there.
         points: (N, 3).
         normals: (N, 3), unit, outward.
         areas: (N,).

@@ -1,1 +1,1 @@
-"""Changing the topology of voxel solids: simple points, deformation, the nearest solid."""
+"""Topology of voxel solids and how to change it: simple points, homotopy warping, the nearest solid."""

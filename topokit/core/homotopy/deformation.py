@@ -1,12 +1,12 @@
-"""Moving one solid on a grid towards another without changing its topology.
+"""Homotopy warping: deforms one solid on a grid toward another without changing its topology.
 
-Voxels in which the two differ change sides, layer after layer, as long as each is simple at its turn. What is left when
-none is simple any more is where the two solids differ in topology and not only in place: membranes, gaps, bridges and
-channels one voxel thick, and the whole of parts and cavities that only one of them has.
+Voxels in which the two differ are flipped, layer after layer, as long as each is simple when its turn comes. The
+difference that remains is one of topology: membranes, gaps, bridges and channels one voxel thick, and the whole of
+parts and cavities that only one of the solids has.
 
 Reference:
-    X. Hu, "Structure-aware image segmentation with homotopy warping", NeurIPS 2022, arXiv:2112.07812 (the idea; here in
-    3D, whole batches of voxels at a time).
+    X. Hu, "Structure-aware image segmentation with homotopy warping", NeurIPS 2022, arXiv:2112.07812. Here
+    in 3D, and many voxels at a time.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ import numpy as np
 from topokit.core.homotopy.simple_points import Bools, PaddedSolid, is_simple
 
 
-def deform(solid: Bools, towards: Bools, connectivity: int | None = None) -> Bools:
-    """The solid, moved towards another one as far as its topology allows.
+def deform(solid: Bools, target: Bools, connectivity: int | None = None) -> Bools:
+    """Deform a solid toward another one as far as its topology allows.
 
-    Voxels of the same parity are not neighbours, so changing all the simple ones among them at once is the same as one
-    after the other. Deterministic.
+    Voxels of the same parity are not neighbors, so flipping all the simple ones among them at once is the same as
+    flipping them one after the other. The result is deterministic.
 
     Args:
-        solid: (X, Y, Z), whose topology is kept.
-        towards: (X, Y, Z).
+        solid: (X, Y, Z), its topology is kept.
+        target: (X, Y, Z).
         connectivity: 6 or 26, that of the solid; None keeps the topology in both.
 
     Returns:
-        (X, Y, Z).
+        (X, Y, Z), homotopic to `solid`.
 
     Raises:
-        InputError: for another connectivity.
+        InputError: if the connectivity is neither 6, 26 nor None.
     """
     padded = PaddedSolid(solid)
-    waiting = padded.indices(solid != towards)
+    waiting = padded.indices(solid != target)
     parity = padded.parity(waiting)
     while True:
         changed = np.zeros(len(waiting), dtype=bool)
         on_surface = padded.on_surface(waiting, through_faces=connectivity is None)
-        for mutually_distant in range(8):
-            at = np.flatnonzero(on_surface & (parity == mutually_distant))
+        for group in range(8):
+            at = np.flatnonzero(on_surface & (parity == group))
             at = at[is_simple(padded.codes(waiting[at]), connectivity)]
             padded.inside[waiting[at]] ^= 1
             changed[at] = True

@@ -1,8 +1,8 @@
 """Simple points of a solid on a 3D grid: the voxels that can be added or removed without changing its topology.
 
-Whether a voxel is simple is decided by its 26 neighbours alone: it is, exactly when the solid among them has one
-component that touches the voxel and the background has one, each in its own connectivity. The 3 x 3 x 3 neighbourhood
-is held in the bits of one integer, so that growing a component by one step is a few shifts, for all voxels at once.
+A voxel is simple if and only if, among its 26 neighbors, exactly one component of the solid and one of the background
+touch it, each in its own connectivity. The 3 x 3 x 3 neighborhood is stored in the bits of one integer, so growing a
+component by one step takes a few shifts, for all voxels at once.
 
 Reference:
     G. Bertrand, G. Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters
@@ -11,6 +11,7 @@ Reference:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import compress, product
 
 import numpy as np
@@ -24,12 +25,13 @@ Indices = NDArray[np.signedinteger]
 Counts = NDArray[np.int8]
 
 OFFSETS: Indices = np.array(list(product((-1, 0, 1), repeat=3)))
-"""(27, 3): where the voxel of bit 9 (x + 1) + 3 (y + 1) + (z + 1) lies."""
+"""(27, 3): bit 9 (x + 1) + 3 (y + 1) + (z + 1) of a code is the voxel at offset (x, y, z)."""
 
 _STEPS = np.abs(OFFSETS).sum(1)  # 1 across a face, 2 across an edge, 3 across a corner
 
 
 def _bits(chosen: Bools) -> np.int32:
+    """Code with the chosen bits set."""
     return np.int32(sum(1 << k for k in np.flatnonzero(chosen)))
 
 
@@ -37,16 +39,16 @@ _ALL = _bits(_STEPS >= 0)
 _FACES = _bits(_STEPS == 1)
 _FACES_AND_EDGES = _bits((_STEPS == 1) | (_STEPS == 2))
 _AROUND = _bits(_STEPS > 0)
-_AXES = [  # shift along an axis, and the bits from which it stays in the neighbourhood: upwards, downwards
+_AXES = [  # shift along an axis; bits that stay in the neighborhood when shifted up, and when shifted down
     (np.int32(shift), _bits(OFFSETS[:, axis] < 1), _bits(OFFSETS[:, axis] > -1)) for axis, shift in enumerate((9, 3, 1))
 ]
 
 
 class PaddedSolid:
-    """A solid in a flat array with one layer of background around it, so that every voxel has 26 neighbours.
+    """A solid in a flat array with one layer of background around it, so that every voxel has 26 neighbors.
 
     Attributes:
-        inside: (M,) uint8, 1 inside; may be written to.
+        inside: (M,) uint8, 1 inside; writable.
     """
 
     def __init__(self, solid: Bools) -> None:
@@ -66,16 +68,16 @@ class PaddedSolid:
         return found if self.inside.size > np.iinfo(np.int32).max else found.astype(np.int32)
 
     def parity(self, at: Indices) -> Counts:
-        """0..7: voxels of the same parity are not among each other's 26 neighbours."""
+        """Class 0..7 of each voxel; voxels of one class are never among each other's 26 neighbors."""
         _, n_y, n_z = self._shape
         x, y, z = ((number & 1).astype(np.int8) for number in (at // (n_y * n_z), at // n_z % n_y, at % n_z))
         return 4 * x + 2 * y + z
 
     def on_surface(self, at: Indices, through_faces: bool) -> Bools:
-        """Whether a neighbour is of the other kind.
+        """Whether a neighbor is on the other side of the surface.
 
-        A simple voxel always has such a neighbour: one across a face if it is simple in both connectivities, else one
-        of the 26.
+        A simple voxel always has such a neighbor: across a face if it is simple in both connectivities, else among the
+        26.
         """
         own = self.inside[at]
         differs = np.zeros(len(at), dtype=bool)
@@ -84,7 +86,7 @@ class PaddedSolid:
         return differs
 
     def codes(self, at: Indices) -> Codes:
-        """The neighbourhoods of flat indices (N,), as integers of 27 bits."""
+        """Neighborhoods of the voxels at flat indices (N,), as codes of 27 bits."""
         codes = np.zeros(len(at), dtype=np.int32)
         for bit, step in enumerate(self._around):
             codes |= self.inside[at + step].astype(np.int32) << np.int32(bit)
@@ -92,32 +94,32 @@ class PaddedSolid:
 
 
 def is_simple(codes: Codes, connectivity: int | None = None) -> Bools:
-    """Whether the middle voxel can change sides without changing the solid's topology.
+    """Whether the middle voxel can be flipped without changing the solid's topology.
 
     Args:
-        codes: (N,) neighbourhoods from `PaddedSolid.codes`; the middle bit does not matter.
+        codes: (N,) neighborhoods from `PaddedSolid.codes`; the middle bit is ignored.
         connectivity: 6 or 26, that of the solid; None for simple in both.
 
     Returns:
         (N,) bool.
 
     Raises:
-        InputError: for another connectivity.
+        InputError: if the connectivity is neither 6, 26 nor None.
     """
     if connectivity not in (6, 26, None):
         raise InputError(f"connectivity must be 6, 26 or None (both), not {connectivity!r}.")
     simple = np.ones(len(codes), dtype=bool)
     for one in (6, 26) if connectivity is None else (connectivity,):
-        solid, background = touching(codes, one)
+        solid, background = count_touching(codes, one)
         simple &= (solid == 1) & (background == 1)
     return simple
 
 
-def touching(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
-    """Components of the solid and of the background around the middle voxel that touch it: 0, 1, or 2 for more.
+def count_touching(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
+    """Number of components of the solid, and of the background, that touch the middle voxel: 0, 1, or 2 for more.
 
     Args:
-        codes: (N,) neighbourhoods.
+        codes: (N,) neighborhoods.
         connectivity: 6 or 26, that of the solid; the background has the other one.
 
     Returns:
@@ -125,37 +127,45 @@ def touching(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
     """
     background = ~codes & _ALL
     if connectivity == 6:
-        return _through_faces(codes), _through_corners(background)
-    return _through_corners(codes), _through_faces(background)
+        return _count_6(codes), _count_26(background)
+    return _count_26(codes), _count_6(background)
 
 
-def _through_faces(codes: Codes) -> Counts:
-    """6-components in the 18-neighbourhood that share a face with the middle."""
-    around, faces = codes & _FACES_AND_EDGES, codes & _FACES
-    reached = faces & -faces  # the lowest bit
-    while True:
-        grown = reached.copy()
-        for shift, up, down in _AXES:
-            grown |= ((reached & up) << shift) | ((reached & down) >> shift)
-        grown &= around
-        if np.array_equal(grown, reached):
-            return _count(faces, reached)
-        reached = grown
+def _count_6(codes: Codes) -> Counts:
+    """6-components of the 18-neighborhood that share a face with the middle voxel."""
+    faces = codes & _FACES
+    return _count(faces, _flood(faces & -faces, codes & _FACES_AND_EDGES, _grow_across_faces))
 
 
-def _through_corners(codes: Codes) -> Counts:
-    """26-components in the 26-neighbourhood."""
+def _count_26(codes: Codes) -> Counts:
+    """26-components of the 26-neighborhood."""
     around = codes & _AROUND
-    reached = around & -around
+    return _count(around, _flood(around & -around, around, _grow_across_corners))
+
+
+def _flood(seed: Codes, within: Codes, grow: Callable[[Codes], Codes]) -> Codes:
+    """Everything within reach of the seeds."""
     while True:
-        grown = reached
-        for shift, up, down in _AXES:  # axis after axis: edges and corners are steps along two or three
-            grown = grown | ((grown & up) << shift) | ((grown & down) >> shift)
-        grown &= around
-        if np.array_equal(grown, reached):
-            return _count(around, reached)
-        reached = grown
+        grown = grow(seed) & within
+        if np.array_equal(grown, seed):
+            return seed
+        seed = grown
 
 
-def _count(all_of_them: Codes, in_first: Codes) -> Counts:
-    return (all_of_them != 0).astype(np.int8) + ((all_of_them & ~in_first) != 0)
+def _grow_across_faces(codes: Codes) -> Codes:
+    grown = codes.copy()
+    for shift, up, down in _AXES:
+        grown |= ((codes & up) << shift) | ((codes & down) >> shift)
+    return grown
+
+
+def _grow_across_corners(codes: Codes) -> Codes:
+    """One axis after the other: a step across an edge or a corner is one along two or three axes."""
+    for shift, up, down in _AXES:
+        codes = codes | ((codes & up) << shift) | ((codes & down) >> shift)
+    return codes
+
+
+def _count(candidates: Codes, first: Codes) -> Counts:
+    """0 without candidates, 1 if all of them are in the first component, else 2."""
+    return (candidates != 0).astype(np.int8) + ((candidates & ~first) != 0)

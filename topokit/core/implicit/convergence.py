@@ -1,16 +1,18 @@
-"""An integer from a field that can only be looked at point by point: finer grids until the counts agree."""
+"""Grid convergence study: χ of a level set on finer and finer grids, until the counts agree."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from torch import Tensor
 
-from topokit.core.grid.euler import solid_euler
+from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import median_step_at_crossings
-from topokit.core.implicit.adaptive_grid import Evaluate, FieldGrid, refine
+from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, Progress, no_progress, refine_grid
+
+ReachedFaces = tuple[tuple[bool, bool], ...]
 
 
 @dataclass(frozen=True)
@@ -39,110 +41,108 @@ class GridCount:
 
 
 @dataclass(frozen=True)
-class SettledCount:
-    """What grids of growing fineness said.
+class ConvergenceStudy:
+    """χ on grids of growing resolution.
 
     Attributes:
         counts: one per grid, coarsest first.
-        euler: the integer that was seen most often in either connectivity, the coarsest grid aside; of several
-            the one seen on the finest grid.
-        is_settled: whether that integer may be believed, see `settle`.
-        moved: the integers that the last two grids show with the level moved to and fro by a twentieth and a tenth of
-            the field's typical change over one of their cells.
-        faces: for each axis, whether the solid reaches the lower and the upper face of the box.
-        grid: the coarsest grid that shows `euler` in both connectivities, else the finest that may be kept.
+        euler: the integer that occurs most often in either connectivity, the coarsest grid left out; of several
+            the one on the finest grid.
+        has_converged: whether the counts agree on that integer, see `convergence_study`.
+        shifted_eulers: χ on the last two grids with the level shifted up and down by a twentieth and a tenth of the
+            field's typical change over one of their cells.
+        reached_faces: for each axis, whether the solid reaches the lower and the upper face of the box.
+        field: that on the coarsest grid that shows `euler` in both connectivities, else on the finest that is kept.
         n_evaluations: points at which the field was evaluated.
-        n_points: points of the finest grid.
+        n_vertices: vertices of the finest grid.
     """
 
     counts: tuple[GridCount, ...]
     euler: int
-    is_settled: bool
-    moved: tuple[int, ...]
-    faces: tuple[tuple[bool, bool], ...]
-    grid: FieldGrid
+    has_converged: bool
+    shifted_eulers: tuple[int, ...]
+    reached_faces: ReachedFaces
+    field: AdaptiveField
     n_evaluations: int
-    n_points: int
+    n_vertices: int
 
 
-_KEPT_CELLS = 256  # grids beyond this are counted, not kept: labels of their components would take gigabytes
+_KEPT_CELLS = 256  # finer grids are counted, not kept: labels of their components would take gigabytes
 _SUCCESSIVE = 3  # grids in a row that must agree
-_SHIFTS = (-0.1, -0.05, 0.05, 0.1)  # shares of the field's change over one cell by which the level is moved
+_SHIFTS = (-0.1, -0.05, 0.05, 0.1)  # of the level, as shares of the field's change over one cell
 
 
-def settle(
-    grid: FieldGrid, evaluate: Evaluate, finest: int, advance: Callable[[FieldGrid], None] = lambda grid: None
-) -> SettledCount:
-    """Count χ on grids of twice, four times, ... the cells.
+def convergence_study(
+    coarsest: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress = no_progress
+) -> ConvergenceStudy:
+    """Count χ on a grid and on grids of twice, four times, ... the cells.
 
-    The count is settled when both connectivities agree on one integer on the last three grids (or on all of them, where
-    there are only two), no coarser grid was of one mind about another integer, and moving the level by a twentieth or a
+    The count has converged when both connectivities agree on one integer on the last three grids (or on all of them,
+    where there are only two), no coarser grid agreed on a different integer, and shifting the level by a twentieth or a
     tenth of the field's change over one cell changes nothing on the last two grids. Two agreeing grids alone are not
     enough: see docs/paper-shapes.md for trained networks whose topology depends on the grid. Still no grid proves
     anything about what lies between its points.
 
     Args:
-        grid: the coarsest grid.
-        evaluate: the field, as for `refine`.
+        coarsest: the field on the coarsest grid.
+        evaluate: the field, as for `refine_grid`.
         finest: no grid gets more cells than this along its longest axis.
-        advance: told about each grid once it is evaluated.
+        progress: told how many points of each grid are evaluated.
     """
     counts: list[GridCount] = []
-    kept: list[FieldGrid] = []
-    before: tuple[int, ...] = ()
-    for one in _grids(grid, evaluate, finest):
-        grid = one
-        counts.append(GridCount(one.n_cells, one.step, *_both(one, 0.0)))
-        if one.n_cells <= _KEPT_CELLS or not kept:
-            kept.append(one)
-        if finest // 4 < one.n_cells <= finest // 2:
-            before = _moved(one)
-        advance(one)
+    kept: list[AdaptiveField] = []
+    shifted: list[int] = []
+    for field in _refinements(coarsest, evaluate, finest, progress):
+        n_cells = field.grid.n_cells
+        counts.append(GridCount(n_cells, field.grid.step, *_eulers_26_and_6(field, 0.0)))
+        if n_cells <= _KEPT_CELLS or not kept:
+            kept.append(field)
+        if n_cells > finest // 4:  # the last two
+            shifted += _eulers_at_shifted_levels(field)
     euler = _most_frequent(counts)
-    moved = (*before, *_moved(grid))
     last = counts[-_SUCCESSIVE:]
     agreed = {count.euler_26 for count in counts if count.agrees}
-    settled = len(last) > 1 and all(count.agrees for count in last) and agreed == {euler} == set(moved)
+    converged = len(last) > 1 and all(count.agrees for count in last) and agreed == {euler} == set(shifted)
     showing = [one for one, count in zip(kept, counts, strict=False) if count.agrees and count.euler_26 == euler]
-    return SettledCount(
+    return ConvergenceStudy(
         counts=tuple(counts),
         euler=euler,
-        is_settled=settled,
-        moved=moved,
-        faces=reached_faces(grid.values),
-        grid=showing[0] if showing else kept[-1],
-        n_evaluations=grid.n_evaluations,
-        n_points=grid.values.numel(),
+        has_converged=converged,
+        shifted_eulers=tuple(shifted),
+        reached_faces=reached_faces(field.values),
+        field=showing[0] if showing else kept[-1],
+        n_evaluations=field.n_evaluations,
+        n_vertices=field.grid.n_vertices,
     )
 
 
-def reached_faces(values: Tensor) -> tuple[tuple[bool, bool], ...]:
+def reached_faces(values: Tensor) -> ReachedFaces:
     """For each axis, whether the solid reaches the first and the last layer of the grid (X, Y, Z)."""
 
-    def reached(axis: int, end: int) -> bool:
+    def reaches(axis: int, end: int) -> bool:
         return bool((values.select(axis, end) > 0).any())
 
-    return tuple((reached(axis, 0), reached(axis, -1)) for axis in range(3))
+    return tuple((reaches(axis, 0), reaches(axis, -1)) for axis in range(3))
 
 
-def _moved(grid: FieldGrid) -> tuple[int, ...]:
-    change = median_step_at_crossings(grid.values)
-    return tuple(value for shift in _SHIFTS for value in _both(grid, shift * change))
+def _refinements(field: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress) -> Iterator[AdaptiveField]:
+    yield field
+    while 2 * field.grid.n_cells <= finest:
+        field = refine_grid(field, evaluate, progress)
+        yield field
 
 
-def _both(grid: FieldGrid, level: float) -> tuple[int, int]:
-    return 2 * int(solid_euler(grid.values, level, 26)), 2 * int(solid_euler(grid.values, level, 6))
+def _eulers_at_shifted_levels(field: AdaptiveField) -> list[int]:
+    change = median_step_at_crossings(field.values)
+    return [euler for shift in _SHIFTS for euler in _eulers_26_and_6(field, shift * change)]
 
 
-def _grids(grid: FieldGrid, evaluate: Evaluate, finest: int) -> Iterator[FieldGrid]:
-    yield grid
-    while 2 * grid.n_cells <= finest:
-        grid = refine(grid, evaluate)
-        yield grid
+def _eulers_26_and_6(field: AdaptiveField, level: float) -> tuple[int, int]:
+    return int(surface_euler(field.values, level, 26)), int(surface_euler(field.values, level, 6))
 
 
 def _most_frequent(counts: list[GridCount]) -> int:
-    """The integer seen most often, of several the one seen on the finest grid; the coarsest grid has no vote."""
+    """The integer seen most often, of several the one on the finest grid; the coarsest grid is left out."""
     votes = [value for count in counts[1:] or counts for value in (count.euler_26, count.euler_6)]
     tally = Counter(votes)
     return max(reversed(votes), key=lambda value: tally[value])

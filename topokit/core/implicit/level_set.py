@@ -1,57 +1,54 @@
-"""Points on a level set: starts from the grid, Newton projection, and the implicit function theorem."""
+"""Points on a level set: starts from a grid, Newton projection, and the implicit function theorem."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from topokit.core.implicit.adaptive_grid import FieldGrid
+from topokit.core.draws import stratified_draw
+from topokit.core.grid.grid import Grid
 
 ValueAndGradient = Callable[[Tensor], tuple[Tensor, Tensor]]
 _STEPS = 40
 
 
 def area_weighted_starts(
-    values: Tensor, n_points: int, spacing: tuple[float, float, float], generator: torch.Generator
+    values: Tensor, grid: Grid, n_points: int, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Points near the zero set of a field on a grid, spread in proportion to area.
+    """Points near the zero set of a field on a grid, distributed in proportion to area.
 
-    The zero set crosses grid edges at the vertices of marching cubes. Of the crossings along one axis each stands for
-    a patch whose shadow along that axis is one face of the grid; weighted with that face times |n_axis|, the sum over
-    the three axes is unbiased, because n_x² + n_y² + n_z² = 1. A start is a crossing moved at random over its face.
+    The zero set crosses grid edges at the vertices of marching cubes. Each crossing along one axis stands for a patch
+    whose projection along that axis is one face of the grid. Weighted with that face times |n_axis|, the sum over the
+    three axes is unbiased, because n_x² + n_y² + n_z² = 1. A start is a crossing moved at random over its face.
 
     Args:
         values: (X, Y, Z), with a change of sign.
+        grid: where the values are.
         n_points: number of starts.
-        spacing: step along each axis.
         generator: source of randomness on the CPU.
 
     Returns:
-        Starts (n, 3) relative to the first grid point, in units of length, float64, and unit normals (n, 3) at the
-        crossings towards lower values, from differences on the grid.
+        Starts (n, 3), float64, and unit normals (n, 3) at the crossings toward lower values, from differences on the
+        grid.
     """
-    steps = torch.tensor(spacing, dtype=torch.float64)
+    steps = torch.tensor(grid.spacing, dtype=torch.float64)
     found = [_crossings(values, axis, steps) for axis in range(3)]
     position, normal, axis, weight = (torch.cat(column) for column in zip(*found, strict=True))
-    reached = weight.cumsum(0)
-    share = (torch.arange(n_points) + torch.rand(n_points, generator=generator, dtype=torch.float64)) / n_points
-    chosen = torch.searchsorted(reached, share * reached[-1]).clamp(max=len(reached) - 1)
+    chosen = stratified_draw(weight, n_points, generator)
+    position, normal, axis = position[chosen], normal[chosen], axis[chosen, None]
     jitter = torch.rand(n_points, 3, generator=generator, dtype=torch.float64) - 0.5
-    jitter.scatter_(1, axis[chosen, None], 0.0)
-    offset = jitter * steps
-    along = -(offset * normal[chosen]).sum(1) / _component(normal, axis)[chosen]  # back onto the tangent plane
-    limit = steps[axis[chosen]]
-    offset.scatter_(1, axis[chosen, None], along.clamp(-limit, limit)[:, None])
-    return position[chosen] + offset, normal[chosen]
+    offset = jitter.scatter(1, axis, 0.0) * steps
+    slope = _away_from_zero(normal.gather(1, axis))
+    back = -(offset * normal).sum(1, keepdim=True) / slope  # along the edge, onto the tangent plane
+    limit = steps[axis]
+    offset.scatter_(1, axis, back.clamp(-limit, limit))
+    return position + offset + steps.new_tensor(grid.origin), normal
 
 
-def _component(vectors: Tensor, axis: Tensor) -> Tensor:
-    """One component of each vector, kept away from zero."""
-    part = vectors.gather(1, axis[:, None])[:, 0]
-    return torch.where(part.abs() < 1e-6, torch.full_like(part, 1e-6), part)
+def _away_from_zero(values: Tensor) -> Tensor:
+    return torch.where(values.abs() < 1e-6, torch.full_like(values, 1e-6), values)
 
 
 def _crossings(values: Tensor, axis: int, steps: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -62,11 +59,11 @@ def _crossings(values: Tensor, axis: int, steps: Tensor) -> tuple[Tensor, Tensor
     upper = index.clone()
     upper[:, axis] += 1
     low, high = values[tuple(index.T)].double(), values[tuple(upper.T)].double()
-    share = (low / (low - high)).clamp(0, 1).nan_to_num(0.5)  # infinite values meet half-way
+    share = (low / (low - high)).clamp(0, 1).nan_to_num(0.5)  # between infinite values, half-way
     position = index.double()
     position[:, axis] += share
     slope = (1 - share)[:, None] * _slope(values, index, steps) + share[:, None] * _slope(values, upper, steps)
-    slope[:, axis] = (high - low) / steps[axis]  # the edge itself knows best, and is never flat
+    slope[:, axis] = (high - low) / steps[axis]  # the exact difference along the crossed edge, which is never zero
     normal = -torch.nn.functional.normalize(slope.nan_to_num(0.0, 1e30, -1e30), dim=1)
     weight = normal[:, axis].abs() * (steps.prod() / steps[axis])
     return position * steps, normal, torch.full((len(index),), axis), weight
@@ -85,10 +82,10 @@ def _slope(values: Tensor, index: Tensor, steps: Tensor) -> Tensor:
 
 
 def project(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: float) -> tuple[Tensor, Tensor]:
-    """Move points along straight lines or the gradient to the zero set.
+    """Move points to the zero set along the gradient, or along their normal where that fails.
 
-    Newton's step −f ∇f/|∇f|², at most half of `reach` long; points that it does not settle within `reach` of their
-    start are found by bisection along their normal, if the sign changes there.
+    Newton's steps are −f ∇f/|∇f|², at most half of `reach` long. Points for which they do not converge within `reach`
+    of their start are found by bisection along their normal, if the sign changes there.
 
     Args:
         function: maps (N, 3) to values (N,) and gradients (N, 3), both detached.
@@ -104,7 +101,7 @@ def project(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: 
     for _ in range(_STEPS):
         rows = (~is_on).nonzero()[:, 0]
         if len(rows) == 0:
-            return points, is_on
+            break
         value, gradient = function(points[rows])
         square = gradient.square().sum(-1)
         usable = (square > 0) & square.isfinite() & value.isfinite()
@@ -122,10 +119,12 @@ def project(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: 
 
 
 def _precision(dtype: torch.dtype) -> float:
+    """Length of the last Newton step, relative to `reach`, from which on a point counts as projected."""
     return max(4 * torch.finfo(dtype).eps, 1e-12) if dtype == torch.float64 else 64 * torch.finfo(dtype).eps
 
 
 def _bisect(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: float) -> tuple[Tensor, Tensor]:
+    """Zeros (N, 3) within `reach` of the starts along their normals, and (N,) bool: whether there is one."""
     low, high = starts - reach * normals, starts + reach * normals
     low_value, high_value = function(low)[0], function(high)[0]
     for _ in range(50):
@@ -137,64 +136,22 @@ def _bisect(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: 
     return (low + high) / 2, (low_value > 0) != (high_value > 0)
 
 
-class ImplicitPoint(torch.autograd.Function):
-    """A point of a level set as a function of the field's value there: the implicit function theorem.
+def implicit_point(value: Tensor, point: Tensor, gradient: Tensor) -> Tensor:
+    """Points of a level set as functions of the field's value there: the implicit function theorem.
 
-    When the field changes by df at a point of its level set, the level set moves by dp = −∇f df / |∇f|². Forward takes
-    the value (zero up to rounding once projected), the point and the gradient, and gives the point; backward hands
-    −(∇f · dL/dp) / |∇f|² to the value, from where autograd goes on to whatever the field was computed from. Points
-    and gradients are constants here: the motion of a point along its surface is not determined, and is zero.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, value: Tensor, point: Tensor, gradient: Tensor) -> Tensor:
-        """(N,), (N, 3), (N, 3) → (N, 3)."""
-        direction = gradient / gradient.square().sum(-1, keepdim=True)
-        ctx.save_for_backward(direction)
-        return point - value[:, None] * direction
-
-    @staticmethod
-    def backward(ctx: Any, *grad_outputs: Tensor) -> tuple[Tensor, None, None]:
-        """dL/dp (N, 3) → dL/df (N,)."""
-        (direction,) = ctx.saved_tensors
-        return -(grad_outputs[0] * direction).sum(-1), None, None
-
-
-def implicit_curvature(gradient: Tensor, hessian: Tensor) -> tuple[Tensor, Tensor]:
-    """Gaussian and mean curvature of the level sets of a field that grows outward.
-
-    K = ∇fᵀ adj(Hf) ∇f / |∇f|⁴,  2H = (|∇f|² tr Hf − ∇fᵀ Hf ∇f) / |∇f|³.
+    When the field changes by df at a point of its level set, the level set moves by dp = −∇f df / |∇f|². The result has
+    this derivative with respect to the value, from where autograd goes on to whatever the field was computed from. The
+    motion of a point along its surface is not determined, and is zero.
 
     Args:
-        gradient: ∇f, (N, 3).
-        hessian: Hf, (N, 3, 3).
+        value: (N,), the field at the points, zero up to rounding.
+        point: (N, 3), taken as constant.
+        gradient: (N, 3), ∇f, taken as constant; where it vanishes the point does not move.
 
     Returns:
-        K (N,) in 1/length² and H (N,) in 1/length; a sphere of radius r has K = 1/r², H = 1/r.
-
-    Reference:
-        R. Goldman, "Curvature formulas for implicit curves and surfaces", CAGD 22, 2005,
-        doi:10.1016/j.cagd.2005.06.005.
+        (N, 3), equal to `point` up to the distance that the value leaves.
     """
-    first, second, third = hessian.unbind(-2)
-    adjugate = torch.stack(
-        (
-            torch.linalg.cross(second, third, dim=-1),
-            torch.linalg.cross(third, first, dim=-1),
-            torch.linalg.cross(first, second, dim=-1),
-        ),
-        dim=-2,
-    )  # of a symmetric matrix
-    square = gradient.square().sum(-1)
-
-    def form(matrix: Tensor) -> Tensor:
-        return (gradient.unsqueeze(-2) @ matrix @ gradient.unsqueeze(-1))[..., 0, 0]
-
-    trace = hessian.diagonal(dim1=-2, dim2=-1).sum(-1)
-    return form(adjugate) / square.square(), (square * trace - form(hessian)) / (2 * square**1.5)
-
-
-def grid_starts(grid: FieldGrid, n_points: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-    """`area_weighted_starts` of a `FieldGrid`, as positions in its frame."""
-    starts, normals = area_weighted_starts(grid.values, n_points, grid.spacing, generator)
-    return starts + starts.new_tensor(grid.origin), normals
+    gradient = gradient.detach()
+    square = gradient.square().sum(-1, keepdim=True)
+    direction = gradient / torch.where(square > 0, square, 1)
+    return point.detach() - value[:, None] * direction

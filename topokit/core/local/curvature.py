@@ -12,10 +12,30 @@ from topokit.core.linalg import determinant, eigenvalues, eigenvectors, squared_
 from topokit.core.local.frames import frames_from_neighbors, frames_from_normals
 from topokit.core.local.voronoi import AreaMethod, cell_areas
 from topokit.core.local.weingarten import Solver, weingarten_map
-from topokit.core.neighbors import flat_neighbors
+from topokit.core.neighbors import merged_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 
 DEFAULT_NEIGHBORS = 20
+
+
+@dataclass(frozen=True)
+class CurvatureSettings:
+    """How curvature and area are estimated from a neighborhood.
+
+    Attributes:
+        n_neighbors: k, number of nearest neighbors; more smooths more.
+        solver: least-squares method for the Weingarten map, see `weingarten_map`.
+        area_method: Voronoi cells "exact" or by "monte-carlo", see `cell_areas`; unused where the samples bring areas.
+        area_resolution: points per side of the Monte Carlo grid.
+    """
+
+    n_neighbors: int = DEFAULT_NEIGHBORS
+    solver: Solver = "sylvester"
+    area_method: AreaMethod = "exact"
+    area_resolution: int = 32
+
+
+DEFAULT_SETTINGS = CurvatureSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +53,7 @@ class Curvature:
         area: (..., N), tangent Voronoi areas (or the samples' own).
         normals: (..., N, 3), unit.
         is_boundary: (..., N) bool, the surface ends beside this point.
-        neighbors: (B·N, k) indices into the merged point list.
+        neighbors: (..., N, k) int64, nearest first; indices of each batch item's own points.
     """
 
     gaussian: Tensor
@@ -48,13 +68,7 @@ class Curvature:
 
 
 def surface_curvature(
-    samples: SurfaceSamples,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
-    *,
-    solver: Solver = "sylvester",
-    area_method: AreaMethod = "exact",
-    area_resolution: int = 32,
-    neighbors: Tensor | None = None,
+    samples: SurfaceSamples, settings: CurvatureSettings = DEFAULT_SETTINGS, *, neighbors: Tensor | None = None
 ) -> Curvature:
     """Curvature and area element at every sample (Algorithm 2, steps 2 to 6).
 
@@ -63,11 +77,8 @@ def surface_curvature(
 
     Args:
         samples: N points, with normals or frames if they are known.
-        n_neighbors: k; more smooths more.
-        solver: see `weingarten_map`.
-        area_method: see `cell_areas`; ignored where the samples bring their areas.
-        area_resolution: side of the Monte Carlo grid.
-        neighbors: (B·N, k) indices from an earlier call, so that they need not be searched again.
+        settings: number of neighbors and methods.
+        neighbors: (..., N, k) indices from an earlier call; they are searched otherwise.
 
     Returns:
         `Curvature`, differentiable in points, normals, frames and areas. Neighbour indices are fixed: where a step
@@ -76,13 +87,13 @@ def surface_curvature(
     Raises:
         InputError: if there are too few points.
     """
-    flat = samples.flat()
     if neighbors is None:
-        neighbors = flat_neighbors(samples.points, n_neighbors)
-    frames = _frames(flat, neighbors)
+        neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
+    flat, merged = samples.flat(), merged_neighbors(neighbors)
+    frames = _frames(flat, merged)
 
     def local(rows: Tensor) -> tuple[Tensor, ...]:
-        index = neighbors[rows]  # (m, k)
+        index = merged[rows]  # (m, k)
         basis = frames[rows, :2]  # (m, 2, 3)
         normal = frames[rows, 2].unsqueeze(-2)  # (m, 1, 3)
         offsets = flat.points[index] - flat.points[rows].unsqueeze(-2)  # (m, k, 3)
@@ -94,11 +105,11 @@ def surface_curvature(
         same_sheet = height.square() <= squared_norm(tangent.detach()).unsqueeze(-1)
         tangent = tangent * same_sheet  # a neighbour moved to the centre takes part in nothing
         normal_change = (around - normal) @ basis.mT * same_sheet
-        shape_operator = weingarten_map(tangent, normal_change, solver)
-        areas, is_open = cell_areas(tangent, area_method, area_resolution)
+        shape_operator = weingarten_map(tangent, normal_change, settings.solver)
+        areas, is_open = cell_areas(tangent, settings.area_method, settings.area_resolution)
         return shape_operator, areas, is_open
 
-    shape_operator, areas, is_open = in_chunks(local, len(neighbors), neighbors.device)
+    shape_operator, areas, is_open = in_chunks(local, len(merged), merged.device)
     symmetric = (shape_operator + shape_operator.mT) / 2  # as it is already, but for the commuting solver
     lead = samples.points.shape[:-1]
     return Curvature(

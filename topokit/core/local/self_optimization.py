@@ -11,10 +11,9 @@ import torch
 from torch import Tensor
 
 from topokit.core.linalg import normalize
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS, surface_curvature
+from topokit.core.local.curvature import DEFAULT_SETTINGS, CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.local.weingarten import Solver
-from topokit.core.neighbors import flat_neighbors
+from topokit.core.neighbors import merged_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 
@@ -68,13 +67,12 @@ def self_optimize(
     samples: SurfaceSamples,
     target: Tensor | float | None = None,
     *,
+    settings: CurvatureSettings = DEFAULT_SETTINGS,
     over: Sequence[Variable] = ("normals",),
     step: Step = "polyak",
     learning_rate: float = 1e-3,
     max_steps: int = 20,
     tolerance: float = 1e-3,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
-    solver: Solver = "sylvester",
     neighbors: Tensor | None = None,
 ) -> Refinement:
     """Adjust samples until (1/2π) Σ K·A is the target (Algorithm 2, steps 8 and 9).
@@ -83,15 +81,14 @@ def self_optimize(
         samples: where to start; normals are estimated if there are none. Nothing is changed in place.
         target: the Euler characteristic that is wanted, a number or (...); None takes the nearest even integer, which
             adds no information from outside.
+        settings: number of neighbors and methods of the curvature estimate.
         over: what may change: normals (and with them the moving frames), points, areas.
         step: "polyak" moves by (χ − χ*) ∇χ/|∇χ|², which a function linear in the step answers at once; "gradient"
             is the paper's descent of |χ − χ*| + w_int(χ) with `learning_rate`.
         learning_rate: of "gradient"; "polyak" has none.
         max_steps: K at most.
         tolerance: |χ − χ*| at which to stop.
-        n_neighbors: k.
-        solver: see `weingarten_map`.
-        neighbors: (B·N, k) indices if they are known; they stay fixed throughout.
+        neighbors: (..., N, k) indices if they are known; they stay fixed throughout.
 
     Returns:
         `Refinement`. Outside the autograd graph: the corrections are constants for whoever differentiates the result.
@@ -108,18 +105,18 @@ def self_optimize(
         raise InputError(f"over must name some of 'normals', 'points', 'areas'; got {list(over)!r}.")
     if step not in ("polyak", "gradient"):
         raise InputError(f"step {step!r} is not known; use 'polyak' or 'gradient'.")
-    neighbors = flat_neighbors(samples.points, n_neighbors) if neighbors is None else neighbors
-    samples = _start(samples, neighbors, solver, over)
+    neighbors = nearest_neighbors(samples.points, settings.n_neighbors) if neighbors is None else neighbors
+    samples = _start(samples, neighbors, settings, over)
     unit = _units(samples, neighbors)
-    value = _euler(samples, neighbors, solver)
+    value = _euler(samples, neighbors, settings)
     goal = 2 * (value / 2).round() if target is None else torch.as_tensor(target).to(value).expand_as(value)
     first, history = samples, [value]
     best = (float((value - goal).abs().max()), samples)
     while best[0] >= tolerance and len(history) <= max_steps:
-        direction = _direction(samples, over, unit, goal, neighbors, solver, step, learning_rate)
+        direction = _direction(samples, over, unit, goal, neighbors, settings, step, learning_rate)
         trials = _TRIALS if step == "polyak" else 1
         samples, value = _line_search(
-            samples, direction, history[-1] - goal, unit, goal, neighbors, solver, tolerance, trials
+            samples, direction, history[-1] - goal, unit, goal, neighbors, settings, tolerance, trials
         )
         history.append(value)
         best = min(best, (float((value - goal).abs().max()), samples), key=lambda pair: pair[0])
@@ -151,10 +148,12 @@ def corrected(samples: SurfaceSamples, refinement: Refinement) -> SurfaceSamples
     return SurfaceSamples(points, normals, areas=areas, oriented=samples.oriented)
 
 
-def _start(samples: SurfaceSamples, neighbors: Tensor, solver: Solver, over: Sequence[Variable]) -> SurfaceSamples:
+def _start(
+    samples: SurfaceSamples, neighbors: Tensor, settings: CurvatureSettings, over: Sequence[Variable]
+) -> SurfaceSamples:
     """Detached samples that have normals, and areas of their own if those may change."""
     with torch.no_grad():
-        local = surface_curvature(samples, neighbors.shape[-1], solver=solver, neighbors=neighbors)
+        local = surface_curvature(samples, settings, neighbors=neighbors)
     areas = local.area if samples.areas is not None or "areas" in over else None
     return SurfaceSamples(
         samples.points.detach(),
@@ -167,14 +166,16 @@ def _start(samples: SurfaceSamples, neighbors: Tensor, solver: Solver, over: Seq
 def _units(samples: SurfaceSamples, neighbors: Tensor) -> Tensor:
     """Typical sample spacing per batch item, (..., 1, 1): a step of one spacing counts like a turn of one radian."""
     flat = samples.points.reshape(-1, 3)
-    nearest = (flat[neighbors] - flat[:, None]).norm(dim=-1).mean(-1).reshape(samples.points.shape[:-1])
+    nearest = (
+        (flat[merged_neighbors(neighbors)] - flat[:, None]).norm(dim=-1).mean(-1).reshape(samples.points.shape[:-1])
+    )
     spacing = nearest.median(dim=-1).values / math.sqrt(neighbors.shape[-1] / math.pi) * 1.5
     return torch.where(spacing > 0, spacing, 1)[..., None, None]
 
 
-def _euler(samples: SurfaceSamples, neighbors: Tensor, solver: Solver) -> Tensor:
+def _euler(samples: SurfaceSamples, neighbors: Tensor, settings: CurvatureSettings) -> Tensor:
     with torch.no_grad():
-        local = surface_curvature(samples, neighbors.shape[-1], solver=solver, neighbors=neighbors)
+        local = surface_curvature(samples, settings, neighbors=neighbors)
         return euler_characteristic(local.gaussian, local.area)
 
 
@@ -184,7 +185,7 @@ def _direction(
     unit: Tensor,
     goal: Tensor,
     neighbors: Tensor,
-    solver: Solver,
+    settings: CurvatureSettings,
     step: Step,
     learning_rate: float,
 ) -> dict[Variable, Tensor]:
@@ -192,7 +193,7 @@ def _direction(
     changes = {name: _zero(samples, name).requires_grad_() for name in over}
     with torch.enable_grad():
         trial = _apply(samples, changes, unit)
-        local = surface_curvature(trial, neighbors.shape[-1], solver=solver, neighbors=neighbors)
+        local = surface_curvature(trial, settings, neighbors=neighbors)
         value = euler_characteristic(local.gaussian, local.area)
         if step == "polyak":
             objective, rate = value.sum(), value.detach() - goal
@@ -219,7 +220,7 @@ def _line_search(
     unit: Tensor,
     goal: Tensor,
     neighbors: Tensor,
-    solver: Solver,
+    settings: CurvatureSettings,
     tolerance: float,
     trials: int,
 ) -> tuple[SurfaceSamples, Tensor]:
@@ -228,7 +229,7 @@ def _line_search(
     best = (samples, goal + torch.inf)
     for _ in range(trials):
         moved = _apply(samples, {name: _like(length, move) * move for name, move in direction.items()}, unit)
-        value = _euler(moved, neighbors, solver)
+        value = _euler(moved, neighbors, settings)
         if float((value - goal).abs().max()) < float((best[1] - goal).abs().max()):
             best = (moved, value)
         if float((best[1] - goal).abs().max()) < tolerance:

@@ -1,4 +1,4 @@
-"""The solid that a triangle mesh encloses, whatever state the mesh is in, by its winding number."""
+"""The solid that a triangle mesh encloses, by its winding number: for open, overlapping and unwelded meshes too."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.core.grid.euler import solid_euler
-from topokit.core.grid.splines import make_grid
+from topokit.core.grid.euler import surface_euler
+from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.core.mesh.sampling import sample_triangles
 
@@ -22,8 +22,8 @@ class EnclosedSolid:
 
     Attributes:
         euler: Euler characteristic of its surface.
-        off_level: share of the mesh's area that is not a surface of that region: what lies inside it, overlaps, or
-            bounds walls thinner than the grid.
+        off_level: share of the mesh's area that is not on the surface of that region, because it lies inside, overlaps,
+            or bounds walls thinner than the grid's step.
         cell: grid step, in units of the vertices.
     """
 
@@ -33,10 +33,10 @@ class EnclosedSolid:
 
 
 def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
-    """Sample a mesh densely and ask the winding-number field of the samples.
+    """The region where the winding-number field of dense samples of a mesh exceeds one half.
 
-    Unlike V − E + F this does not mind holes, soups of triangles, doubled or intersecting parts, as long as faces are
-    oriented; and unlike it it sees nothing smaller than two grid steps.
+    Unlike V − E + F, this tolerates holes, loose triangles, and doubled or intersecting parts, as long as the faces are
+    oriented. It does not see features smaller than two grid steps.
 
     Args:
         vertices: (V, 3).
@@ -50,8 +50,8 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
         `winding_field`.
     """
     vertices = vertices.detach().cpu().double()
-    centre = (vertices[faces.cpu()].amin((0, 1)) + vertices[faces.cpu()].amax((0, 1))) / 2
-    samples, _ = sample_triangles(vertices - centre, faces.cpu(), _SAMPLES)
+    center = (vertices[faces.cpu()].amin((0, 1)) + vertices[faces.cpu()].amax((0, 1))) / 2
+    samples, _ = sample_triangles(vertices - center, faces.cpu(), _SAMPLES)
     corners = vertices[faces.cpu()]
     cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
     area = float(cross.norm(dim=-1).sum()) / 2 / _SAMPLES
@@ -60,4 +60,4 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
     grid = make_grid(points, area**0.5, 1.0, _LARGEST_GRID)
     field = winding_field(points, normals, torch.full_like(points[:, 0], area), grid)
     off_level = ((field.sample(points) - 0.5).abs() > 0.3).double().mean()
-    return EnclosedSolid(2 * int(solid_euler(field.values, 0.5)), float(off_level), grid.cell)
+    return EnclosedSolid(int(surface_euler(field.values, 0.5, connectivity=6)), float(off_level), grid.cell)

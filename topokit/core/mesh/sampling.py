@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from topokit.core.draws import stratified_draw
 from topokit.core.linalg import normalize
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -32,21 +33,24 @@ def sample_triangles(
         InputError: if the mesh has no area.
     """
     generator = generator or torch.Generator().manual_seed(0)
-    corners = vertices[faces]  # (F, 3, 3)
-    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    scaled = corners.detach().double().cpu()
-    scaled = scaled - scaled[:1, :1]
-    scaled = scaled / scaled.abs().max().clamp(min=torch.finfo(torch.float64).tiny)
-    cross = torch.linalg.cross(scaled[:, 1] - scaled[:, 0], scaled[:, 2] - scaled[:, 0], dim=-1)
-    reached = cross.norm(dim=-1).cumsum(0)
-    if not bool(reached[-1] > 0):
-        raise InputError("the mesh has no area: all of its faces are degenerate, so it cannot be sampled.")
-    share = (torch.arange(n_samples) + torch.rand(n_samples, generator=generator, dtype=torch.float64)) / n_samples
-    face = torch.searchsorted(reached, share * reached[-1]).clamp(max=len(faces) - 1)
+    face = stratified_draw(_relative_areas(vertices, faces), n_samples, generator)
     root, along = torch.rand(2, n_samples, generator=generator, dtype=torch.float64)
     root = root.sqrt()  # without the square root the points crowd at a corner
     weights = torch.stack((root * (1 - along), root * along), dim=-1).to(vertices)
     face = face.to(vertices.device)
-    step = weights[:, :1] * first[face] + weights[:, 1:] * second[face]
-    normals = torch.linalg.cross(normalize(first[face]), normalize(second[face]), dim=-1)
-    return SurfaceSamples(corners[face, 0] + step, normalize(normals)), face
+    origin, second, third = vertices[faces[face]].unbind(1)
+    second, third = second - origin, third - origin
+    points = origin + (weights[:, :1] * second + weights[:, 1:] * third)
+    normals = torch.linalg.cross(normalize(second), normalize(third), dim=-1)
+    return SurfaceSamples(points, normalize(normals)), face
+
+
+def _relative_areas(vertices: Tensor, faces: Tensor) -> Tensor:
+    """Areas (F,) on the CPU in float64, up to a common factor that keeps those of tiny meshes from vanishing."""
+    corners = vertices.detach()[faces].double().cpu()
+    corners = corners - corners[:1, :1]
+    corners = corners / corners.abs().max().clamp(min=torch.finfo(torch.float64).tiny)
+    areas = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1).norm(dim=-1)
+    if not bool(areas.sum() > 0):
+        raise InputError("the mesh has no area: all of its faces are degenerate, so it cannot be sampled.")
+    return areas

@@ -63,16 +63,6 @@ def read_ksplat(path: Path) -> SplatTable:
     return SplatTable(*(np.concatenate(column) for column in zip(*tables, strict=True)))
 
 
-def starts_ksplat(beginning: bytes) -> bool:
-    """Whether a file that begins so is a .ksplat: version 0.1, level 0 to 2, and a header otherwise full of zeros."""
-    return (
-        len(beginning) >= _HEADER
-        and beginning[:4] == b"\0\1\0\0"
-        and beginning[20] <= 2
-        and not any(beginning[44:_HEADER])
-    )
-
-
 def _read_section(path: Path, content: bytes, section: _Section, level: int, at: int) -> tuple[SplatTable, int]:
     """Splats of the section whose data begin at byte `at`, and where the next section's begin."""
     if section.sh_degree >= len(_SH_VALUES) or section.n_splats > section.capacity:

@@ -57,16 +57,6 @@ def read_spz(path: Path) -> SplatTable:
     return _from_gzip(path, content)
 
 
-def starts_spz(beginning: bytes) -> bool:
-    """Whether a file that begins so is an .spz, plain or gzipped."""
-    if not beginning.startswith(b"\x1f\x8b"):
-        return beginning.startswith(_MAGIC)
-    try:
-        return zlib.decompressobj(wbits=31).decompress(beginning, len(_MAGIC)) == _MAGIC
-    except zlib.error:
-        return False
-
-
 def _version(content: bytes) -> int:
     return int.from_bytes(content[4:8], "little")
 

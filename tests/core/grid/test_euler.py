@@ -12,12 +12,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from scipy.ndimage import binary_fill_holes, generate_binary_structure
 from skimage.measure import euler_number
 
 from topokit.core.grid import euler as grid_euler
-from topokit.core.grid.components import betti_numbers, grid_components
-from topokit.core.grid.euler import critical_index, smoothed_euler, solid_euler
+from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.euler import critical_index, dual_connectivity, smoothed_euler, solid_euler, surface_euler
 from topokit.errors import InputError
 
 CONNECTIVITIES = (6, 26)
@@ -79,7 +78,8 @@ def torus(n: int = 32, major: float = 9.0, minor: float | torch.Tensor = 4.0) ->
 @given(volumes, connectivities)
 @settings(max_examples=100, deadline=None)
 def test_solid_euler_equals_skimage(mask: np.ndarray, connectivity: int) -> None:
-    assert solid_euler(mask, connectivity=connectivity) == skimage_euler(mask, connectivity)
+    expected = skimage_euler(mask, connectivity)
+    assert (solid_euler(mask, 0, connectivity), surface_euler(mask, 0, connectivity)) == (expected, 2 * expected)
 
 
 @given(volumes, connectivities)
@@ -99,6 +99,7 @@ def test_grey_levels_equal_gudhi(field: np.ndarray, connectivity: int, level: in
 @given(volumes)
 @settings(max_examples=60, deadline=None)
 def test_duality(mask: np.ndarray) -> None:
+    assert (dual_connectivity(6), dual_connectivity(26)) == (26, 6)
     assert solid_euler(mask, connectivity=26) == solid_euler(~np.pad(mask, 1), connectivity=6) - 1
 
 
@@ -197,8 +198,6 @@ def test_empty_grids(shape: tuple[int, ...], connectivity: int) -> None:
         lambda: solid_euler(torch.zeros(3, 3)),
         lambda: solid_euler(torch.zeros(3, 3, 3), connectivity=18),
         lambda: betti_numbers(torch.zeros(3, 3)),
-        lambda: grid_components(torch.zeros(2, 3, 3, 3)),
-        lambda: grid_components(torch.zeros(3, 3, 3), connectivity=4),
         lambda: critical_index(torch.zeros(3)),
         lambda: smoothed_euler(torch.zeros(3, 3, 3), tau=0.0),
         lambda: smoothed_euler(torch.zeros(3, 3, 3), tau=float("nan")),
@@ -222,64 +221,6 @@ def test_known_solids(connectivity: int) -> None:
     assert betti_numbers(torus(), 0.0, connectivity).tolist() == [1, 1, 0]
     assert betti_numbers(hollow, 0.0, connectivity).tolist() == [1, 0, 1]
     assert betti_numbers(torch.maximum(hollow, ball(24, 2.0)), 0.0, connectivity).tolist() == [2, 0, 1]
-
-
-@pytest.mark.parametrize("connectivity", CONNECTIVITIES)
-def test_nesting(connectivity: int) -> None:
-    n, radii = 48, (20.0, 16.0, 12.0, 8.0)
-    shells = torch.minimum(ball(n, radii[0]), -ball(n, radii[1]))
-    shells = torch.maximum(shells, torch.minimum(ball(n, radii[2]), -ball(n, radii[3])))
-    shells = torch.maximum(shells, ball(n, 2.0, (23.5, 23.5, 20.0)))
-    shells = torch.maximum(shells, ball(n, 2.0, (23.5, 23.5, 27.0)))
-    shells[0, 0, 0] = 1.0
-    labels, table = grid_components(shells, 0.0, connectivity)
-    corner, outer, inner, *pearls = table
-    assert [c.label for c in table] == [1, 2, 3, 4, 5]
-    assert labels.unique().tolist() == [0, 1, 2, 3, 4, 5]
-    assert [c.inside for c in table] == [None, None, outer.label, inner.label, inner.label]
-    assert (outer.euler, outer.cavities, outer.tunnels) == (4, 1, 0) == (inner.euler, inner.cavities, inner.tunnels)
-    assert all((p.euler, p.cavities, p.tunnels) == (2, 0, 0) for p in pearls)
-    assert [c.touches_border for c in table] == [True, False, False, False, False]
-    assert corner.voxels == 1
-    assert corner.box == ((0, 1),) * 3
-    assert outer.box == ((4, 44),) * 3
-
-
-def test_linked_rings_are_not_nested() -> None:
-    a = torus(40, 9.0, 2.5)
-    table = grid_components(torch.maximum(a.roll(-5, 0), a.transpose(1, 2).roll(5, 0)))[1]
-    assert [(c.euler, c.tunnels, c.inside) for c in table] == [(0, 1, None), (0, 1, None)]
-
-
-@given(volumes, connectivities)
-@settings(max_examples=60, deadline=None)
-def test_components_add_up(mask: np.ndarray, connectivity: int) -> None:
-    labels, table = grid_components(mask, 0, connectivity)
-    assert 2 * solid_euler(mask, 0, connectivity) == sum(c.euler for c in table)
-    assert betti_numbers(mask, 0, connectivity).tolist() == [
-        len(table),
-        sum(c.tunnels for c in table),
-        sum(c.cavities for c in table),
-    ]
-    for c in table:
-        own = labels == c.label
-        assert own.sum() == c.voxels
-        assert (own[tuple(slice(*side) for side in c.box)]).sum() == c.voxels
-        assert betti_numbers(own, 0, connectivity).tolist() == [1, c.tunnels, c.cavities]
-        around = [d for d in table if d is not c and _encloses(labels == d.label, own, connectivity)]
-        innermost = min(
-            around,
-            key=lambda d: len([e for e in around if _encloses(labels == d.label, labels == e.label, connectivity)]),
-            default=None,
-        )
-        assert c.inside == (innermost.label if innermost else None)
-
-
-def _encloses(outer: torch.Tensor, inner: torch.Tensor, connectivity: int) -> bool:
-    """Whether `inner` lies in a cavity of `outer`: filling the holes of `outer` covers it."""
-    padded = np.pad(outer.numpy(), 1)
-    filled = binary_fill_holes(padded, generate_binary_structure(3, 1 if connectivity == 26 else 3))[1:-1, 1:-1, 1:-1]
-    return bool(filled[inner.numpy()].all())
 
 
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)

@@ -1,0 +1,61 @@
+"""The headers of .npy and .npz files: shapes of their arrays, and whether they hold points or a volume."""
+
+from __future__ import annotations
+
+import math
+import tokenize
+import zipfile
+from pathlib import Path
+from typing import Any, Literal
+
+from topokit.errors import ReadError
+from topokit.inputs.files import ZIP
+from topokit.inputs.reading import reading, require_bytes, require_expansion
+
+NUMPY = b"\x93NUMPY"
+
+
+def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | None:
+    """What a .npy or .npz file holds by its headers; None if it is no such file.
+
+    A 3-D array is a volume, unless the archive names points. A damaged file counts as points: their reader reports it.
+    """
+    if not beginning.startswith(NUMPY) and not (beginning.startswith(ZIP) and b".npy" in beginning):
+        return None
+    try:
+        shapes = array_shapes(path)
+    except ReadError:
+        return "points"
+    return "volume" if "points" not in shapes and any(len(shape) == 3 for shape in shapes.values()) else "points"
+
+
+def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays in a .npy or .npz file by lower-case name ("" for .npy), from their headers alone.
+
+    Raises:
+        ReadError: if it is malformed, or a header announces more than the file holds.
+    """
+    shapes = {}
+    damaged = (NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError)  # of zipfile and of numpy's parser
+    with reading(path, "the NumPy reader", *damaged):
+        if not zipfile.is_zipfile(path):
+            with path.open("rb") as file:
+                return {"": _array_shape(file, path, path.stat().st_size)}
+        with zipfile.ZipFile(path) as archive:
+            for entry in archive.infolist():
+                name = entry.filename
+                if name.endswith(".npy"):
+                    require_expansion(path, entry.file_size, path.stat().st_size)
+                    with archive.open(entry) as member:
+                        shapes[name.removesuffix(".npy").lower()] = _array_shape(member, path, entry.file_size)
+    return shapes
+
+
+def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
+    """The shape in the header of an array, which must fit into `size` bytes."""
+    from numpy.lib import format as npy
+
+    read = npy.read_array_header_1_0 if npy.read_magic(file) == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read(file)
+    require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
+    return tuple(shape)

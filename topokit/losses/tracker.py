@@ -1,0 +1,112 @@
+"""Tracks the nearest solids of a batch of fields from call to call, as the topology loss needs them in training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import nn
+
+from topokit.core.grid.euler import at_least_single
+from topokit.core.grid.field import Field, default_tau
+from topokit.core.grid.grid import Grid
+from topokit.core.homotopy.nearest_solid import Change
+from topokit.errors import InputError
+from topokit.losses.checks import check_count
+from topokit.losses.component_guard import ComponentGuard
+from topokit.losses.goal import Goal
+from topokit.losses.guard import DecisiveVoxels, Guard
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How often `TopologyLoss` does its two expensive steps.
+
+    Attributes:
+        search_every: evaluations of the field between searches for a nearer solid. In between, the known solid follows
+            the field.
+        evaluate_every: calls between evaluations of the whole field. In between, the decisive voxels last found are
+            used. For networks, where evaluating the grid is most of a call.
+
+    Raises:
+        InputError: if one of them is not an integer of at least 1.
+    """
+
+    search_every: int = 20
+    evaluate_every: int = 1
+
+    def __post_init__(self) -> None:
+        check_count("search_every", self.search_every, 1)
+        check_count("evaluate_every", self.evaluate_every, 1)
+
+
+class SolidTracker(nn.Module):
+    """One guard for each field of a batch, and when to show them the fields. Its memory is in the `state_dict`."""
+
+    def __init__(self, goal: Goal, change: Change, options: SearchOptions) -> None:
+        """Args: goal: wanted topology; change: see `nearest_solid`; options: how often to do what."""
+        super().__init__()
+        self.goal = goal
+        self.change: Change = change
+        self.options = options
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the nearest solids."""
+        self._start([])
+
+    def _start(self, grids: list[Grid]) -> None:
+        """New guards for fields on these grids."""
+        self._grids = grids
+        self._guards = [self._new_guard() for _ in grids]
+        self._default_taus: list[float] = []
+        self._n_calls = 0
+
+    def _new_guard(self) -> Guard | ComponentGuard:
+        if self.goal.by_component:
+            return ComponentGuard(self.goal.by_component, self.change, self.options.search_every)
+        return Guard(self.goal.betti, self.change, self.options.search_every)
+
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
+    def forward(self, fields: list[Field], tau: float | None) -> list[tuple[DecisiveVoxels | None, float]]:
+        """The decisive voxels of each field, None where no wanted solid is in reach, and their margin."""
+        grids = [field.grid for field in fields]
+        if grids != self._grids:
+            self._start(grids)
+        is_due = self._n_calls % self.options.evaluate_every == 0 or (tau is None and not self._default_taus)
+        self._n_calls += 1
+        values = [field.detached() for field in fields] if is_due else []
+        if is_due:
+            self._default_taus = [default_tau(one) for one in values] if tau is None else []
+        margins = self._default_taus if tau is None else [tau] * len(fields)
+        for guard, one, margin in zip(self._guards, values, margins, strict=False):  # no values: nothing is due
+            guard.update(at_least_single(one).cpu().numpy(), margin)
+        return [(guard.decisive, margin) for guard, margin in zip(self._guards, margins, strict=True)]
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """What has been found so far, for the `state_dict`: tensors, numbers and containers only."""
+        return {
+            "goal": (self.goal.betti, self.goal.by_component, self.change),
+            "grids": self._grids,
+            "guards": [guard.get_state() for guard in self._guards],
+            "default_taus": self._default_taus,
+            "n_calls": self._n_calls,
+        }
+
+    def set_extra_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_extra_state` returned.
+
+        Raises:
+            InputError: if the state is that of a loss with another goal.
+        """
+        goal = self.goal.betti, self.goal.by_component, self.change
+        if state["goal"] != goal:
+            raise InputError(
+                f"the state is that of a TopologyLoss for Betti numbers, by component, and change {state['goal']}; "
+                f"this one is for {goal}. Make the loss with the same goal, or leave its state out."
+            )
+        self._start(state["grids"])
+        for guard, own in zip(self._guards, state["guards"], strict=True):
+            guard.set_state(own)
+        self._default_taus, self._n_calls = state["default_taus"], state["n_calls"]

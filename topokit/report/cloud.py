@@ -1,0 +1,205 @@
+"""The report of a shape that is known by its samples alone: a point cloud or Gaussian splats."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from topokit.core.cloud.votes import Family, values_of
+from topokit.core.cloud.witness import Witness
+from topokit.core.components import SurfaceComponent
+from topokit.core.local.boundary import BoundaryEstimate
+from topokit.core.local.curvature import Curvature
+from topokit.core.local.gauss_bonnet import euler_by_component
+from topokit.core.mesh.topology import mesh_topology
+from topokit.core.neighbors import neighbor_components
+from topokit.report.cloud_wording import check_sentences, preparation_sentences
+from topokit.report.examination import Examination
+from topokit.report.report import Evidence, TopologyReport
+from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet
+from topokit.report.wording import plural, position
+
+_SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
+
+
+def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> TopologyReport:
+    """The report of samples.
+
+    Args:
+        name: what was examined.
+        notes: sentences about what was found or changed while opening it.
+        found: the measurements.
+    """
+    witness = found.witness
+    if found.boundary.curves:
+        report = _open_report(found)
+    elif witness is None:
+        report = _without_solid(found)
+    else:
+        report = _closed_report(found, witness)
+    votes = vote_evidence(witness) if witness is not None else ()
+    deciding = report.reasons if report.verdict == "unsure" else ()
+    supporting = () if deciding else report.reasons
+    started = time.perf_counter()
+    estimate = Evidence("Gauss–Bonnet", found.estimate, None, time.perf_counter() - started)
+    return replace(
+        report,
+        name=name,
+        reasons=(*deciding, *notes, *supporting, _curvature_sentence(found)),
+        evidence=(estimate, *votes),
+        estimate=estimate.value,
+    )
+
+
+def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
+    checks = cloud_checks(witness, found.boundary)
+    n_surfaces = witness.components + witness.cavities
+    genus = n_surfaces - witness.euler // 2 if has_genus(witness) else None
+    components = _solid_components(found.samples.points, witness) or _cloud_components(found)
+    sentences = check_sentences(checks, witness)
+    return _report(
+        found,
+        euler=witness.euler,
+        verdict=cloud_verdict(checks),
+        reasons=(*sentences, *preparation_sentences(witness)),
+        components=components,
+        n_components=n_surfaces,
+        genus=genus,
+        cavities=witness.cavities,
+        closed=True,
+    )
+
+
+def _open_report(found: Examination) -> TopologyReport:
+    witness, curves = found.witness, found.boundary.curves
+    is_sheet = witness is None or is_open_sheet(found.boundary, witness)
+    components = _cloud_components(found)
+    return _report(
+        found,
+        euler=round(found.estimate) if is_sheet or witness is None else witness.euler,
+        verdict="unsure",
+        reasons=(_where_open(found.samples.points, found.curvature, found.boundary), *_refusal(found)),
+        components=components,
+        n_components=len(components),
+        boundary_loops=len(curves),
+    )
+
+
+def _without_solid(found: Examination) -> TopologyReport:
+    components = _cloud_components(found)
+    return _report(
+        found,
+        euler=round(found.estimate),
+        verdict="unsure",
+        reasons=_refusal(found),
+        components=components,
+        n_components=len(components),
+    )
+
+
+def _report(
+    found: Examination,
+    *,
+    euler: int,
+    verdict: Verdict,
+    reasons: tuple[str, ...],
+    components: Sequence[SurfaceComponent],
+    n_components: int,
+    genus: int | None = None,
+    cavities: int | None = None,
+    boundary_loops: int | None = None,
+    closed: bool = False,
+) -> TopologyReport:
+    witness = found.witness
+    return TopologyReport(
+        name="",
+        euler=euler,
+        genus=genus,
+        components=n_components,
+        cavities=cavities,
+        surface_betti=None if genus is None else (n_components, 2 * genus, n_components),
+        solid_betti=None if genus is None or cavities is None else (n_components - cavities, genus, cavities),
+        boundary_loops=0 if closed else boundary_loops,
+        closed=closed,
+        verdict=verdict,
+        reasons=reasons,
+        evidence=(),
+        estimate=None,
+        refined=None,
+        solid=None,
+        resolution=_SMALLEST * found.boundary.spacing if witness is None else witness.resolution,
+        per_component=components,
+    )
+
+
+def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
+    """The two families of votes, each with the value that it gives most often."""
+    groups: tuple[tuple[str, tuple[Family, ...]], ...] = (
+        ("Delaunay cuts", ("cut", "smooth cut")),
+        ("winding-number fields", ("field",)),
+    )
+    n_values = sum(len(vote.eulers) for vote in witness.votes)
+    rows = []
+    for name, families in groups:
+        values = values_of(witness.votes, *families)
+        most = max(values, key=lambda value: (values.count(value), -abs(value)))
+        seconds = witness.seconds["votes"] * len(values) / n_values
+        rows.append(Evidence(name, sum(values) / len(values), most, seconds))
+    return tuple(rows)
+
+
+def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
+    """Connected components of the neighbor graph with their Gauss–Bonnet estimates, largest area first."""
+    points, local = found.samples.points, found.curvature
+    labels = neighbor_components(found.neighbors)
+    estimates = euler_by_component(local.gaussian, local.area, labels)
+    areas = torch.zeros_like(estimates).index_add(0, labels, local.area)
+    shares = (areas / areas.sum().clamp(min=torch.finfo(areas.dtype).tiny)).tolist()
+    rows = labels[:, None].expand_as(points)
+    corners = points.new_zeros(len(estimates), 3)
+    low = corners.scatter_reduce(0, rows, points, "amin", include_self=False).tolist()
+    high = corners.scatter_reduce(0, rows, points, "amax", include_self=False).tolist()
+    components = [
+        SurfaceComponent(None, None, None, (tuple(low[i]), tuple(high[i])), shares[i], estimate=estimate)
+        for i, estimate in enumerate(estimates.tolist())
+    ]
+    return tuple(sorted(components, key=lambda component: -component.area_share))
+
+
+def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
+    """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
+    if len(witness.faces) == 0:
+        return ()
+    vertices: NDArray[np.float64] = points.cpu().double().numpy()
+    topology = mesh_topology(vertices, witness.faces)
+    same = topology.is_closed and topology.euler == witness.euler
+    same = same and len(topology.components) == witness.components + witness.cavities
+    return topology.components if same else ()
+
+
+def _refusal(found: Examination) -> tuple[str, ...]:
+    return () if found.refusal is None else (f"No solid can be found from these points: {found.refusal}",)
+
+
+def _curvature_sentence(found: Examination) -> str:
+    share = f", {found.boundary.euler:.2f} of it from the boundary" if found.boundary.curves else ""
+    return f"The curvature of {found.samples.n_points} samples sums to χ ≈ {found.estimate:.2f}{share}."
+
+
+def _where_open(points: Tensor, local: Curvature, boundary: BoundaryEstimate) -> str:
+    index = torch.cat([curve.index for curve in boundary.curves]).to(points.device)
+    low, high = points[index].aminmax(dim=0)
+    extent = float((points.amax(0) - points.amin(0)).max())
+    corners = (position(corner.tolist(), extent) for corner in (low, high))
+    band = min(1.0, boundary.length * float(local.area.mean().sqrt()) / float(local.area.sum()))
+    return (
+        f"The surface is not closed: its boundary runs along {plural(len(boundary.curves), 'curve')} of total length "
+        f"{boundary.length:.4g}, between {' and '.join(corners)}; {band:.1%} of the area lies within a sample spacing "
+        "of it."
+    )

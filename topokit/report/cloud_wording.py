@@ -1,0 +1,111 @@
+"""Sentences about the checks of a cloud's verdict and about how the cloud was prepared."""
+
+from __future__ import annotations
+
+from topokit.core.cloud.votes import values_of
+from topokit.core.cloud.witness import Witness
+from topokit.report.verdict import Check
+from topokit.report.wording import plural
+
+# name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
+_SENTENCES = {
+    "cuts": (
+        "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
+        "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
+    ),
+    "fields": (
+        "{n_fields} of {fields} winding-number fields give χ = {euler}.",
+        "Only {n_fields} of {fields} winding-number fields give χ = {euler}.",
+    ),
+    "smoothing": (
+        "The original and the smoothed points both give χ = {euler}.",
+        "The original points give χ = {original}, the smoothed points {smoothed}; the best answer is {euler}.",
+    ),
+    "agreement": (
+        "{value:.0%} of all votes, by weight, give χ = {euler}.",
+        "Only {value:.0%} of all votes, by weight, give χ = {euler}.",
+    ),
+    "crowded": (
+        "{value:.2%} of the points see an opposite sheet within 1.5 sample spacings.",
+        "{value:.1%} of the points see an opposite sheet within 1.5 sample spacings: walls or gaps are thinner than "
+        "the samples resolve.",
+    ),
+    "crowded_wide": (
+        "{value:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
+        "{value:.1%} of the points see an opposite sheet within 2.5 sample spacings, about the size of the smallest "
+        "feature that can be seen.",
+    ),
+    "coverage": (
+        "{value:.1%} of the points lie on the surface that was found.",
+        "Only {value:.1%} of the points lie on the surface that was found.",
+    ),
+    "disagreement": (
+        "{value:.2%} of neighboring normals oppose each other.",
+        "{value:.1%} of neighboring normals oppose each other: sheets are close together, or the normals are "
+        "inconsistent.",
+    ),
+    "rim": (
+        "",
+        "{value:.0%} of the samples have neighbors on one side only: they lie along lines or around gaps, and the "
+        "surface between them is unknown.",
+    ),
+    "genus": ("", "χ = {euler} is too large for {surfaces}: no genus fits it."),
+    "confirmed": (
+        "{value:.1%} of the given normals are confirmed by the points.",
+        "Only {value:.1%} of the given normals are confirmed by the points.",
+    ),
+    "contradictory": ("", "The given normals contradict each other: {value:.0%} point the wrong way."),
+    "second look": (
+        "",
+        "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "
+        "χ = {euler} in {value:.0%} of all votes, but details are lost with the noise.",
+    ),
+}
+
+
+def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[str, ...]:
+    """One sentence per check that has something to say, failed ones first."""
+    numbers = _numbers(witness)
+    ordered = sorted(checks, key=lambda check: check.passed)
+    sentences = (
+        _SENTENCES[check.name][0 if check.passed else 1].format(value=check.value, **numbers) for check in ordered
+    )
+    return tuple(sentence for sentence in sentences if sentence)
+
+
+def preparation_sentences(witness: Witness) -> tuple[str, ...]:
+    """How the points were reduced and where their normals come from, where that is worth saying."""
+    sentences = []
+    n_points, n_used = witness.n_points, witness.n_used
+    if witness.is_downsampled:
+        sentences.append(
+            f"Of {n_points} points, {n_used}, evenly spread, were used; features smaller than their spacing are not "
+            "seen."
+        )
+    elif n_used < n_points:
+        sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
+    signs = witness.signs
+    if signs.source == "reversed":
+        sentences.append(f"The given normals point inward ({signs.confirmed:.0%} agree); they were reversed.")
+    if signs.coverage is not None:
+        what = "No normals were given; they" if signs.source == "none" else "The signs of the normals"
+        sentences.append(
+            f"{what} were found from the points ({signs.coverage:.0%} of them lie on the surface that the result "
+            "implies)."
+        )
+    return tuple(sentences)
+
+
+def _numbers(witness: Witness) -> dict[str, object]:
+    cuts, fields = values_of(witness.votes, "cut", "smooth cut"), values_of(witness.votes, "field")
+    return {
+        "euler": witness.euler,
+        "cuts": len(cuts),
+        "n_cuts": cuts.count(witness.euler),
+        "fields": len(fields),
+        "n_fields": fields.count(witness.euler),
+        "original": values_of(witness.votes, "cut")[0],
+        "smoothed": values_of(witness.votes, "smooth cut")[0],
+        "surfaces": plural(witness.components + witness.cavities, "closed surface"),
+        "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
+    }

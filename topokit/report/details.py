@@ -1,0 +1,67 @@
+"""Measurements of a report that its integer does not need."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from topokit.core.mesh.enclosed_solid import EnclosedSolid, enclosed_solid
+from topokit.report.report import Evidence, TopologyReport
+from topokit.report.verdict import overlaps
+
+
+class Measurable(Protocol):
+    """What the details of a report are measured on: a `topokit.Shape`."""
+
+    @property
+    def mesh(self) -> tuple[Tensor, Tensor] | None: ...
+
+    def euler(self) -> Tensor: ...
+
+    def refined_euler(self) -> Tensor: ...
+
+
+@torch.no_grad()
+def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
+    """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
+
+    A sentence about the solid is added where it differs from the mesh.
+    """
+    rows: list[Evidence] = []
+
+    def timed(name: str, measure: Callable[[], Tensor]) -> float:
+        started = time.perf_counter()
+        value = float(measure())
+        rows.append(Evidence(name, value, None, time.perf_counter() - started))
+        return value
+
+    estimate = timed("Gauss–Bonnet", shape.euler) if report.estimate is None else report.estimate
+    refined = timed("Gauss–Bonnet, self-optimized", shape.refined_euler) if report.closed else None
+    reasons, solid = report.reasons, None
+    if shape.mesh is not None:
+        started = time.perf_counter()
+        solid = enclosed_solid(*shape.mesh)
+        seconds = time.perf_counter() - started
+        rows.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
+        if not report.closed or overlaps(solid.off_level):
+            reasons = (*reasons, _solid_sentence(solid, report.closed))
+    return replace(
+        report, reasons=reasons, evidence=(*report.evidence, *rows), estimate=estimate, refined=refined, solid=solid
+    )
+
+
+def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:
+    surface = (
+        f"On a grid of step {solid.cell:.3g}, the solid that the mesh encloses by winding number has a surface with"
+    )
+    if not closed:
+        return f"{surface} χ = {solid.euler}."
+    return (
+        f"{surface} χ = {solid.euler}; {solid.off_level:.0%} of the area lies off that surface: the mesh intersects or "
+        "overlaps itself."
+    )

@@ -1,0 +1,102 @@
+"""What is measured on the samples of a shape, at fixed settings, whatever the caller's own settings are."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from topokit.core.cloud.witness import Witness, global_witness
+from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.neighbors import nearest_neighbors
+from topokit.core.samples import SurfaceSamples
+from topokit.errors import InputError
+from topokit.report.verdict import is_open_sheet
+
+
+class Examination:
+    """The measurements behind the verdict on one sampled surface, each made once, when it is first needed.
+
+    Nothing here depends on the number of neighbors that a user chooses for curvature, nor on the order of questions.
+    """
+
+    def __init__(self, samples: SurfaceSamples, *, known_closed: bool) -> None:
+        """
+        Args:
+            samples: of one surface, (N, 3); detached.
+            known_closed: whether the surface is known to have no boundary, so that none is looked for.
+        """
+        self.samples = samples
+        self._known_closed = known_closed
+
+    @cached_property
+    def neighbors(self) -> Tensor:
+        """(N, k) indices of the nearest neighbors; k = 20, or as many as there are."""
+        points = self.samples.points
+        return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
+
+    @cached_property
+    def curvature(self) -> Curvature:
+        """Curvature of the samples, without a graph."""
+        with torch.no_grad():
+            return surface_curvature(self.samples, neighbors=self.neighbors)
+
+    @cached_property
+    def boundary(self) -> BoundaryEstimate:
+        """The boundary curves of the surface."""
+        if self._known_closed:
+            return BoundaryEstimate((), 0.0, float(self.curvature.area.mean().sqrt()))
+        return estimate_boundary(self.samples.points, self.neighbors)
+
+    @cached_property
+    def estimate(self) -> float:
+        """χ⁽⁰⁾, with the turning of the boundary."""
+        return float(euler_characteristic(self.curvature.gaussian, self.curvature.area)) + self.boundary.euler
+
+    @cached_property
+    def _witness_or_refusal(self) -> Witness | InputError:
+        samples = self.samples
+        try:
+            may_smooth = not self.boundary.curves
+            normals = samples.known_normals()
+            return global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
+        except InputError as refusal:
+            return refusal
+
+    @property
+    def witness(self) -> Witness | None:
+        """The global witness, or None if the points bound no solid."""
+        found = self._witness_or_refusal
+        return found if isinstance(found, Witness) else None
+
+    @property
+    def refusal(self) -> InputError | None:
+        """Why there is no global witness, or None."""
+        found = self._witness_or_refusal
+        return found if isinstance(found, InputError) else None
+
+
+def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
+    """The integer of each batch item's witness; None if one bounds no solid or is an open sheet."""
+    eulers = [one.witness.euler for one in found if one.witness and not is_open_sheet(one.boundary, one.witness)]
+    return eulers if len(eulers) == len(found) else None
+
+
+def outward_samples(samples: SurfaceSamples, normals: Tensor, found: tuple[Examination, ...]) -> SurfaceSamples:
+    """Samples with unit normals (..., N, 3), turned outward where the samples have no signs of their own.
+
+    Differentiable in points and normals. If an item bounds no solid, all keep normals without signs.
+    """
+    if samples.oriented:
+        return SurfaceSamples(samples.points, normals, areas=samples.areas)
+    directions = [one.witness.normals for one in found if one.witness]
+    if len(directions) < len(found):
+        return SurfaceSamples(samples.points, normals, areas=samples.areas, oriented=False)
+    outward = torch.from_numpy(np.stack(directions)).to(normals).reshape(normals.shape)
+    sides = (normals.detach() * outward).sum(-1, keepdim=True)
+    sign = torch.where(sides < 0, -1.0, 1.0).to(normals)
+    return SurfaceSamples(samples.points, sign * normals, areas=samples.areas)

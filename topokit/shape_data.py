@@ -1,0 +1,137 @@
+"""What a shape is made of: samples, a counted answer, a field, a mesh; immutable, made lazily, examined once."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, Self
+
+import torch
+from torch import Tensor
+
+from topokit.core.grid.field import Field
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.samples import SurfaceSamples, enough_samples
+from topokit.errors import InputError
+from topokit.report.examination import Examination
+from topokit.report.report import CountedAnswer
+
+UNNAMED = "shape"
+
+
+class ShapeData:
+    """The data of a `topokit.Shape`, which adds the questions.
+
+    The tensors are not copied: after an in-place change, such as an optimizer step, everything is measured anew.
+
+    Attributes:
+        samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
+        counted: the counted answer or None; may be given as a function.
+        field: the scalar field that defines the shape, on its own grid, or None.
+        mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
+        name: what to call it in reports.
+        notes: sentences about what was found or changed while opening it; the report repeats them.
+        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+    """
+
+    field: Field | None
+    mesh: tuple[Tensor, Tensor] | None
+    name: str
+    notes: tuple[str, ...]
+    n_neighbors: int
+
+    def __init__(
+        self,
+        samples: SurfaceSamples | Callable[[], SurfaceSamples],
+        counted: CountedAnswer | Callable[[], CountedAnswer | None] | None = None,
+        *,
+        field: Field | None = None,
+        mesh: tuple[Tensor, Tensor] | None = None,
+        name: str = UNNAMED,
+        notes: tuple[str, ...] = (),
+        n_neighbors: int = DEFAULT_NEIGHBORS,
+    ) -> None:
+        own: dict[str, Any] = {"field": field, "mesh": mesh, "name": name, "notes": notes, "n_neighbors": n_neighbors}
+        own["_make_samples" if callable(samples) else "samples"] = samples
+        own["_make_counted" if callable(counted) else "counted"] = counted
+        if not callable(samples):
+            enough_samples(samples, n_neighbors, name)
+        self.__dict__.update(own)  # attributes cannot be set one by one, see __setattr__
+
+    def __setattr__(self, attribute: str, value: object) -> None:
+        raise AttributeError(f"a Shape is immutable: use shape.replace({attribute}=...) for a changed copy.")
+
+    def __repr__(self) -> str:
+        known = self.__dict__
+        counted = "counted, " if known.get("counted") is not None else ""
+        count = f"{tuple(self.samples.points.shape)} samples" if "samples" in known else "no samples yet"
+        return f"Shape({self.name!r}, {counted}{count})"
+
+    @cached_property
+    def samples(self) -> SurfaceSamples:
+        """The samples (..., N, 3), made when they are first needed."""
+        return enough_samples(self.__dict__["_make_samples"](), self.n_neighbors, self.name)
+
+    @cached_property
+    def counted(self) -> CountedAnswer | None:
+        """The counted answer, found when it is first needed, or None."""
+        answer: CountedAnswer | None = self.__dict__["_make_counted"]()
+        return answer
+
+    @property
+    def device(self) -> torch.device:
+        """Device of the samples."""
+        return self.samples.points.device
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Floating type of the samples."""
+        return self.samples.points.dtype
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with another `name`, `notes` or `n_neighbors`; everything measured is shared.
+
+        Raises:
+            InputError: for any other attribute.
+        """
+        unknown = sorted(set(changes) - {"name", "notes", "n_neighbors"})
+        if unknown:
+            raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
+        other = copy.copy(self)
+        other.__dict__.update(changes)
+        return other
+
+    def to(self, *args: Any, **kwargs: Any) -> Self:
+        """The shape with its samples and mesh on another device or in another floating type.
+
+        Arguments as for `torch.Tensor.to`. A field stays where it is.
+        """
+        samples, mesh = self.samples.to(*args, **kwargs), self.mesh
+        if mesh is not None:
+            mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
+        return self._with(samples, mesh)
+
+    def _examinations(self) -> tuple[Examination, ...]:
+        """The measurements of every batch item; made again if the tensors were changed in place."""
+        versions, found = self.__dict__.get("_examined", (None, ()))
+        if versions != self.samples.versions():
+            known_closed = self.field is None and self.counted is not None and self.counted.closed
+            versions = self.samples.versions()
+            found = tuple(Examination(item, known_closed=known_closed) for item in self.samples.items())
+            self.__dict__["_examined"] = versions, found
+        return found
+
+    def _only_examination(self) -> Examination:
+        if self.samples.points.ndim != 2:
+            raise InputError(
+                f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
+                "Ask euler() for all of them, or report() item by item."
+            )
+        return self._examinations()[0]
+
+    def _with(self, samples: SurfaceSamples, mesh: tuple[Tensor, Tensor] | None) -> Self:
+        """A copy with other samples; a counted answer that is not known yet stays so."""
+        counted = self.__dict__.get("counted", self.__dict__.get("_make_counted"))
+        own = {key: getattr(self, key) for key in ("field", "name", "notes", "n_neighbors")}
+        return type(self)(samples, counted, mesh=mesh, **own)

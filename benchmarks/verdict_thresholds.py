@@ -102,11 +102,10 @@ def print_table(found: list[Answer]) -> None:
     print(f"{len(found)} closed answers, {right} right, {wrong} wrong; likely {likely(found)}")
     print(f"{'threshold':<14}{'limit':>8}{'right':>18}{'wrong':>18}{'tighter':>12}{'looser':>12}")
     for name, threshold in THRESHOLDS.items():
-        columns = [
-            [a.values[name] for a in found if name in a.values and a.right is is_right] for is_right in (True, False)
-        ]
-        if not any(columns):
+        known = [answer for answer in found if name in answer.values]
+        if not known:
             continue
+        columns = [[answer.values[name] for answer in known if answer.right is right] for right in (True, False)]
         tail = 0.9 if is_upper(name) else 0.1
         cells = [f"{np.median(c):.4g}, {np.quantile(c, tail):.4g}" if c else "–" for c in columns]
         factor = 0.8 if is_upper(name) else 1.2

@@ -10,8 +10,9 @@ import torch
 from torch import Tensor
 
 from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
+from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.local.self_optimization import Step, Variable, corrected, self_optimize
+from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
 from topokit.errors import InputError
@@ -104,8 +105,8 @@ class Shape(ShapeData):
         *,
         over: Sequence[Variable] = ("normals",),
         step: Step = "polyak",
-        learning_rate: float = 1e-3,
-        max_steps: int = 20,
+        learning_rate: float = LEARNING_RATE,
+        max_steps: int | None = None,
         tolerance: float = 1e-3,
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
@@ -123,7 +124,7 @@ class Shape(ShapeData):
             over: what may change: "normals", "points", "areas".
             step: "polyak", or "gradient" for the paper's plain descent.
             learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
-            max_steps: largest number of steps.
+            max_steps: largest number of steps; 20 for "polyak" and 500 for "gradient" by default.
             tolerance: distance from the target at which to stop.
             solver: as for `curvature`.
             area_method: as for `curvature`.

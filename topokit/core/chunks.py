@@ -25,9 +25,9 @@ def in_chunks(
         device: where the row indices live.
         chunk: rows per block.
     """
-    blocks = torch.arange(n_points, device=device).split(chunk)
-    if torch.is_grad_enabled() and len(blocks) > 1:
-        parts = [checkpoint(work, rows, use_reentrant=False) for rows in blocks]
-    else:
-        parts = [work(rows) for rows in blocks]
+    first, *rest = torch.arange(n_points, device=device).split(chunk)
+    parts = [work(first)]
+    needs_gradient = any(part.requires_grad for part in parts[0])
+    for rows in rest:
+        parts.append(checkpoint(work, rows, use_reentrant=False) if needs_gradient else work(rows))
     return tuple(torch.cat(column) for column in zip(*parts, strict=True))

@@ -145,6 +145,8 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3)
     """
     fixed = matrix.detach()
     start = torch.linalg.eigh(fixed).eigenvectors[..., 0]
+    if not (torch.is_grad_enabled() and matrix.requires_grad):
+        return normalize(start)
     basis = tangent_basis(start, helper)
     tangent = basis[..., :2, :]  # (..., 2, 3)
     energy = (start.unsqueeze(-2) @ fixed @ start.unsqueeze(-1)).squeeze(-1)

@@ -35,9 +35,10 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
             f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
         )
     search = _kd_tree if points.device.type == "cpu" else _exact
+    if points.ndim == 2:
+        return search(points.detach(), n_neighbors)
     items = points.detach().reshape(-1, n_points, 3)
-    found = torch.stack([search(item, n_neighbors) for item in items])
-    return found.reshape(*points.shape[:-1], n_neighbors)
+    return torch.stack([search(item, n_neighbors) for item in items]).reshape(*points.shape[:-1], n_neighbors)
 
 
 def merged_neighbors(neighbors: Tensor) -> Tensor:
@@ -73,12 +74,16 @@ def neighbor_components(neighbors: Tensor) -> Tensor:
 def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
     coordinates = points.double().numpy()
     tree = cKDTree(coordinates, balanced_tree=False, compact_nodes=False)
-    _, found = tree.query(coordinates, n_neighbors + 1, workers=-1)
-    if (found[:, 0] == np.arange(len(found))).all():
-        return torch.from_numpy(found[:, 1:].astype(np.int64))
-    itself = found == np.arange(len(found))[:, None]  # duplicates may come before the point itself
-    itself[~itself.any(axis=1), -1] = True  # more duplicates than neighbours: drop the last
-    return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors).astype(np.int64))
+    order = tree.indices  # neighboring queries share their way down the tree: twice as fast for 100 000 points
+    _, in_order = tree.query(coordinates[order], n_neighbors + 1, workers=-1)
+    found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
+    found[order] = in_order
+    own = np.arange(len(found))[:, None]
+    if (found[:, :1] == own).all():
+        return torch.from_numpy(found)[:, 1:]
+    itself = found == own  # duplicates may come before the point itself
+    itself[~itself.any(axis=1), -1] = True  # more duplicates than neighbors: drop the last
+    return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors))
 
 
 def _exact(points: Tensor, n_neighbors: int) -> Tensor:

@@ -1,6 +1,6 @@
 """Losses on topology, and what a training loop needs beside them: schedule, monitor, critical points."""
 
-from topokit.core.local.self_optimization import integrity_well
+from topokit.core.local.descent import integrity_well
 from topokit.losses.critical import CriticalPoints, critical_points
 from topokit.losses.euler import EulerLoss, euler_loss
 from topokit.losses.monitor import TopologyMonitor, TopologyRecord

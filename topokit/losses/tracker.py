@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
@@ -88,7 +88,7 @@ class SolidTracker(nn.Module):
         """What has been found so far, for the `state_dict`: tensors, numbers and containers only."""
         return {
             "goal": (self.goal.betti, self.goal.by_component, self.change),
-            "grids": self._grids,
+            "grids": [asdict(grid) for grid in self._grids],
             "guards": [guard.get_state() for guard in self._guards],
             "default_taus": self._default_taus,
             "n_calls": self._n_calls,
@@ -106,7 +106,7 @@ class SolidTracker(nn.Module):
                 f"the state is that of a TopologyLoss for Betti numbers, by component, and change {state['goal']}; "
                 f"this one is for {goal}. Make the loss with the same goal, or leave its state out."
             )
-        self._start(state["grids"])
+        self._start([Grid(**grid) for grid in state["grids"]])
         for guard, own in zip(self._guards, state["guards"], strict=True):
             guard.set_state(own)
         self._default_taus, self._n_calls = state["default_taus"], state["n_calls"]

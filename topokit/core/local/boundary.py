@@ -13,37 +13,41 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components, mini
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.linalg import normalize, tangent_basis
-from topokit.core.local.curvature import surface_curvature
-from topokit.core.samples import SurfaceSamples
+from topokit.core.chunks import in_chunks
+from topokit.core.linalg import normalize, squared_norm, tangent_basis
+from topokit.core.local.curvature import neighbor_offsets, tangent_neighbors
+from topokit.core.local.frames import normals_from_neighbors
+from topokit.core.local.voronoi import exact_cell_areas
 
+_GAP = 110.0  # degrees without a neighbor at a rim point; a straight boundary leaves 180
+_SUPPORT = 3  # neighbors that must have a gap too
 _LEAST_LOOP = 20  # points, and spacings of length, of the smallest hole that stands out of the noise
 _CLOSING = 0.2  # share of a path's length that its ends may be apart
 _REACH = 6.0  # spacings between successive points of a boundary curve, at most
 
 
-def rim_points(points: Tensor, normals: Tensor, neighbors: Tensor, gap: float = 110.0, support: int = 3) -> Tensor:
-    """Points with a wide gap between their neighbours' directions: a band about one spacing wide along boundaries.
+def has_gap(tangent: Tensor) -> Tensor:
+    """Whether a sector of 110° or more holds no neighbor, as beside the boundary of a surface.
 
-    Boundaries are curves, so a rim point has rim points beside it: lone ones are dropped.
+    Most points are cleared by a test without sorting: if there is a neighbor within 32° of each of 8 directions that
+    are 45° apart, no gap exceeds 2 · 32° + 45° = 109°.
 
     Args:
-        points: (N, 3).
-        normals: (N, 3) unit.
-        neighbors: (N, k).
-        gap: least angle in degrees that holds no neighbour.
-        support: least number of neighbours that must have such a gap too.
+        tangent: (m, k, 2), neighbors in the tangent plane of the center, which is the origin.
 
     Returns:
-        (N,) bool. Not differentiable.
+        (m,) bool. Not differentiable.
     """
-    offsets = (points[neighbors] - points[:, None]).detach()
-    basis = tangent_basis(normals.detach(), offsets[:, -1])[:, :2]
-    tangent = offsets @ basis.mT
-    angles = torch.atan2(tangent[..., 1], tangent[..., 0]).sort(-1).values
+    turns = torch.arange(8, dtype=tangent.dtype, device=tangent.device) * (math.pi / 4)
+    lengths = squared_norm(tangent).clamp(min=torch.finfo(tangent.dtype).tiny).sqrt()
+    along = (tangent / lengths[..., None]) @ torch.stack((turns.cos(), turns.sin()))  # (m, k, 8)
+    unclear = (along.amax(-2) < math.cos(math.radians(32))).any(-1).nonzero().squeeze(1)
+    x, y = tangent[unclear].unbind(-1)
+    angles = torch.atan2(y, x).sort(-1).values
     around = torch.cat((angles[:, 1:], angles[:, :1] + 2 * math.pi), dim=-1) - angles
-    has_gap = around.amax(-1) > math.radians(gap)
-    return has_gap & (has_gap[neighbors].sum(-1) >= support)
+    is_wide = torch.zeros(len(tangent), dtype=torch.bool, device=tangent.device)
+    is_wide[unclear] = around.amax(-1) > math.radians(_GAP)
+    return is_wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,24 +90,30 @@ class BoundaryEstimate:
         return sum(curve.length for curve in self.curves)
 
 
+@torch.no_grad()
 def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
-    """The boundary curves of samples, from positions alone: input normals mislead on thin parts.
+    """Boundary curves of a sampled surface, from positions alone: input normals are misleading on thin parts.
 
     Args:
         points: (N, 3), any float dtype and device.
-        neighbors: (N, k) indices.
+        neighbors: (N, k) indices, nearest first.
 
     Returns:
         `BoundaryEstimate`. Not differentiable.
     """
-    with torch.no_grad():
-        points = points.detach()
-        plain = surface_curvature(SurfaceSamples(points), neighbors=neighbors)
-        rim = rim_points(points, plain.normals, neighbors)
-        spacing = float(plain.area.mean().sqrt())
-        return BoundaryEstimate(
-            boundary_curves(points, plain.normals, rim, spacing), float(rim.double().mean()), spacing
-        )
+    points = points.detach()
+
+    def local(rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        offsets = neighbor_offsets(points, neighbors, rows)
+        normals = normals_from_neighbors(offsets)
+        frames = tangent_basis(normals, offsets[:, -1])
+        tangent, same_sheet = tangent_neighbors(offsets, frames)
+        return normals, has_gap(tangent), exact_cell_areas(tangent * same_sheet)[0]
+
+    normals, gap, areas = in_chunks(local, len(points), points.device)
+    rim = gap & (gap[neighbors].sum(-1) >= _SUPPORT)  # boundaries are curves: a rim point has rim points beside it
+    spacing = float(areas.mean().sqrt())
+    return BoundaryEstimate(boundary_curves(points, normals, rim, spacing), float(rim.double().mean()), spacing)
 
 
 def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:

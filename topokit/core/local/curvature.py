@@ -1,4 +1,4 @@
-"""Curvatures of surface samples: the local half of the method, from neighbours to principal directions."""
+"""Curvature and area element of surface samples from their nearest neighbors."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from topokit.core.chunks import in_chunks
-from topokit.core.linalg import determinant, eigenvalues, eigenvectors, squared_norm, trace
-from topokit.core.local.frames import frames_from_neighbors, frames_from_normals
+from topokit.core.linalg import determinant, eigenvalues, eigenvectors, normalize, tangent_basis, trace
+from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.voronoi import AreaMethod, cell_areas
 from topokit.core.local.weingarten import Solver, weingarten_map
 from topokit.core.neighbors import merged_neighbors, nearest_neighbors
@@ -40,20 +40,21 @@ DEFAULT_SETTINGS = CurvatureSettings()
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """Local geometry of N samples; every tensor but the two index-like ones is differentiable.
+    """Curvature and area element at N samples; all floating-point tensors are differentiable.
 
     Attributes:
-        gaussian: K, (..., N), in 1/length².
-        mean: H, (..., N), in 1/length; positive where the surface bends towards its inside (sphere of radius r: 1/r).
-            Its sign is that of the normals and means nothing where those are not oriented.
-        total: tr(WᵀW) = κ₁² + κ₂², (..., N).
-        principal: (..., N, 2), κ_min then κ_max.
-        directions: (..., N, 2, 3), unit vectors belonging to `principal`; signs are arbitrary, and at umbilics any
-            tangent basis is right.
-        area: (..., N), tangent Voronoi areas (or the samples' own).
+        gaussian: K = det W, (..., N), in 1/length².
+        mean: H = ½ tr W, (..., N), in 1/length; positive where the surface bends towards its inside (sphere of radius
+            r: 1/r). Its sign is that of the normals and is arbitrary where those are not oriented.
+        total: F = tr(WᵀW), (..., N), in 1/length²; κ₁² + κ₂² for a symmetric W. This is the paper's total curvature,
+            not the integral ∫ K dA that differential geometry calls by that name.
+        principal: (..., N, 2), κ_min then κ_max, eigenvalues of the symmetric part of W.
+        directions: (..., N, 2, 3), unit vectors belonging to `principal`; signs are arbitrary, and so is the whole
+            tangent basis at umbilics.
+        area: (..., N), tangent Voronoi areas (or the samples' own `areas`), in length².
         normals: (..., N, 3), unit.
-        is_boundary: (..., N) bool, the surface ends beside this point.
-        neighbors: (..., N, k) int64, nearest first; indices of each batch item's own points.
+        is_boundary: (..., N) bool, True where the Voronoi cell is open on one side.
+        neighbors: (..., N, k) int64, nearest first; indices into the same batch item's points.
     """
 
     gaussian: Tensor
@@ -72,68 +73,96 @@ def surface_curvature(
 ) -> Curvature:
     """Curvature and area element at every sample (Algorithm 2, steps 2 to 6).
 
-    Neighbours that stand at more than 45° over the tangent plane are left out: they lie on another sheet. The paper
-    keeps them; on thin parts that halves the area.
+    Neighbors more than 45° above the tangent plane are left out, because they lie on another sheet. The paper keeps
+    them; on thin parts that halves the area.
 
     Args:
         samples: N points, with normals or frames if they are known.
         settings: number of neighbors and methods.
-        neighbors: (..., N, k) indices from an earlier call; they are searched otherwise.
+        neighbors: (..., N, k) indices from an earlier call, nearest first; they are searched otherwise.
 
     Returns:
-        `Curvature`, differentiable in points, normals, frames and areas. Neighbour indices are fixed: where a step
-        changes them the value jumps.
+        `Curvature`, differentiable in points, normals, frames and areas at fixed neighbor indices: values jump where a
+        step changes the neighbors.
 
     Raises:
-        InputError: if there are too few points.
+        InputError: if there are too few points, or for an unknown method.
     """
     if neighbors is None:
         neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
     flat, merged = samples.flat(), merged_neighbors(neighbors)
-    frames = _frames(flat, merged)
+    normals = _unit_normals(flat, merged)
 
     def local(rows: Tensor) -> tuple[Tensor, ...]:
-        index = merged[rows]  # (m, k)
-        basis = frames[rows, :2]  # (m, 2, 3)
-        normal = frames[rows, 2].unsqueeze(-2)  # (m, 1, 3)
-        offsets = flat.points[index] - flat.points[rows].unsqueeze(-2)  # (m, k, 3)
-        tangent = offsets @ basis.mT  # (m, k, 2)
-        around = frames[:, 2][index]  # (m, k, 3)
-        if not samples.oriented:
-            around = torch.where(around @ normal.mT < 0, -around, around)
-        height = (offsets @ normal.mT).detach()
-        same_sheet = height.square() <= squared_norm(tangent.detach()).unsqueeze(-1)
-        tangent = tangent * same_sheet  # a neighbour moved to the centre takes part in nothing
-        normal_change = (around - normal) @ basis.mT * same_sheet
-        shape_operator = weingarten_map(tangent, normal_change, settings.solver)
+        offsets = neighbor_offsets(flat.points, merged, rows)  # (m, k, 3)
+        frames = tangent_basis(normals[rows], offsets[:, -1]) if flat.frames is None else flat.frames[rows]
+        basis, normal = frames[:, :2], frames[:, 2:]  # (m, 2, 3), (m, 1, 3)
+        tangent, same_sheet = tangent_neighbors(offsets, frames)
+        change = neighbor_offsets(normals, merged, rows)  # (m, k, 3)
+        if not samples.oriented:  # compare with whichever sign of the neighbor's normal is closer
+            change = torch.where(change @ normal.mT < -1, -change - 2 * normal, change)
+        change = change @ basis.mT * same_sheet
+        tangent = tangent * same_sheet
+        shape_operator = weingarten_map(tangent, change, settings.solver)
+        symmetric = (shape_operator + shape_operator.mT) / 2
         areas, is_open = cell_areas(tangent, settings.area_method, settings.area_resolution)
-        return shape_operator, areas, is_open
+        return shape_operator, eigenvalues(symmetric), eigenvectors(symmetric) @ basis, areas, is_open
 
-    shape_operator, areas, is_open = in_chunks(local, len(merged), merged.device)
-    symmetric = (shape_operator + shape_operator.mT) / 2  # as it is already, but for the commuting solver
+    shape_operator, principal, directions, areas, is_open = in_chunks(local, len(merged), merged.device)
     lead = samples.points.shape[:-1]
     return Curvature(
         gaussian=determinant(shape_operator).reshape(lead),
         mean=trace(shape_operator).reshape(lead) / 2,
         total=shape_operator.square().sum((-2, -1)).reshape(lead),
-        principal=eigenvalues(symmetric).reshape(*lead, 2),
-        directions=(eigenvectors(symmetric) @ frames[:, :2]).reshape(*lead, 2, 3),
+        principal=principal.reshape(*lead, 2),
+        directions=directions.reshape(*lead, 2, 3),
         area=areas.reshape(lead) if samples.areas is None else samples.areas,
-        normals=frames[:, 2].reshape(*lead, 3),
+        normals=normals.reshape(*lead, 3),
         is_boundary=is_open.reshape(lead),
         neighbors=neighbors,
     )
 
 
-def _frames(flat: SurfaceSamples, neighbors: Tensor) -> Tensor:
-    """Frames (B·N, 3, 3) from whatever the samples bring: frames, normals, or points alone."""
-    if flat.frames is not None:
-        return flat.frames
+def neighbor_offsets(values: Tensor, neighbors: Tensor, rows: Tensor) -> Tensor:
+    """Values of the neighbors minus those of the points themselves.
+
+    Args:
+        values: (N, d), positions or normals.
+        neighbors: (N, k) indices.
+        rows: (m,) the points wanted.
+
+    Returns:
+        (m, k, d), differentiable in `values`.
+    """
+    index = neighbors[rows]
+    around = values.index_select(0, index.flatten()).reshape(
+        *index.shape, -1
+    )  # several times faster than values[index]
+    return around - values[rows].unsqueeze(-2)
+
+
+def tangent_neighbors(offsets: Tensor, frames: Tensor) -> tuple[Tensor, Tensor]:
+    """Neighbors projected to the tangent plane, and whether they lie on the same sheet of the surface.
+
+    Args:
+        offsets: (..., k, 3), neighbors minus center.
+        frames: (..., 3, 3), rows t, t', n.
+
+    Returns:
+        tangent coordinates (..., k, 2), and (..., k, 1) bool, True for neighbors at most 45° above the tangent plane.
+    """
+    coordinates = offsets @ frames.mT
+    x, y, height = coordinates.detach().split(1, dim=-1)
+    return coordinates[..., :2], height * height <= x * x + y * y
+
+
+def _unit_normals(flat: SurfaceSamples, neighbors: Tensor) -> Tensor:
+    """Unit normals (B·N, 3): those of the samples, or estimated by local PCA."""
+    known = flat.known_normals()
+    if known is not None:
+        return known if flat.frames is not None else normalize(known)
 
     def local(rows: Tensor) -> tuple[Tensor]:
-        offsets = flat.points[neighbors[rows]] - flat.points[rows].unsqueeze(-2)
-        if flat.normals is None:
-            return (frames_from_neighbors(offsets),)
-        return (frames_from_normals(flat.normals[rows], offsets),)
+        return (normals_from_neighbors(neighbor_offsets(flat.points, neighbors, rows)),)
 
     return in_chunks(local, len(neighbors), neighbors.device)[0]

@@ -36,69 +36,124 @@ def cell_areas(tangent: Tensor, method: AreaMethod = "exact", resolution: int = 
 
 
 def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
-    """Voronoi cells by clipping every bisector against all others; differentiable almost everywhere.
+    """Exact Voronoi cell of the origin, differentiable almost everywhere.
 
-    The bisector of neighbour u is u/2 + t u⊥; neighbour v cuts it at t = (|v|² − u·v) / (2 u×v). What is left between
-    the largest lower and the smallest upper cut is the cell's edge, and the cell is a fan of triangles of area
-    |u|² Δt / 4 around the origin. Which neighbours cut an edge is found outside the graph on k × k pairs; the cuts
-    themselves are then recomputed inside it on k pairs.
+    The cell's edge on the bisector of neighbor u lies at u/2 + t u⊥ between the cuts t of the two adjacent Voronoi
+    neighbors, and the cell is a fan of triangles of area |u|² Δt / 4 around the origin. Which neighbors are adjacent is
+    found outside the graph; the cuts are computed inside it.
 
-    A vertex farther away than the farthest neighbour is beyond what the neighbourhood knows: the empty circle through
-    it says that the surface ends there. Such an edge is cut at the foot of its perpendicular, which leaves the part of
+    A vertex farther away than the farthest neighbor is not determined by the neighborhood: the empty circle through
+    it means that the surface ends there. Such an edge is cut at the foot of its perpendicular, which leaves the part of
     the cell that lies within the surface's own wedge.
 
     Args:
         tangent: (..., k, 2).
 
     Returns:
-        areas (...,) and is_open (...,) as in `cell_areas`. Neighbours that coincide with the origin are ignored; a
-        neighbourhood that spans no area has area 0 and is open.
+        areas (...,) and is_open (...,) as in `cell_areas`. Neighbors that coincide with the origin are ignored; a
+        neighborhood that spans no area has area 0 and is open.
     """
-    squared = squared_norm(tangent)  # (..., k)
-    is_present = squared.detach() > 0
-    far = 4 * tangent.detach().abs().amax((-2, -1), keepdim=True)
-    lower_cut, upper_cut, is_edge = _cutting_neighbors(tangent.detach().where(is_present[..., None], far))
-    is_edge = is_edge & is_present
-    lower, lower_known = _cut(tangent, squared, lower_cut)
-    upper, upper_known = _cut(tangent, squared, upper_cut)
-    length = torch.where(is_edge, (upper - lower).clamp(min=0), 0)
-    areas = (squared * length).sum(-1) / 4
-    open_edge = is_edge & ~(lower_known & upper_known)
-    return areas, open_edge.any(-1) | ~is_edge.any(-1)
+    cells = tangent.reshape(-1, *tangent.shape[-2:])  # (m, k, 2)
+    squared = squared_norm(cells)
+    first, second, is_open = _cell_vertices(cells.detach(), squared.detach())
+    upper, lower = _cuts(cells.flatten(0, 1), squared.flatten(), first, second)
+    owner = first.div(cells.shape[1], rounding_mode="floor")
+    reach = squared.detach().amax(-1)
+    is_known = squared.detach().flatten()[first] * (0.25 + upper.detach().square()) <= reach[owner]
+    is_open[owner[~is_known]] = True
+    none = torch.zeros_like(squared).flatten()
+    upper, lower = (none.scatter(0, edge, cut.where(is_known, 0)) for edge, cut in ((first, upper), (second, lower)))
+    length = (upper - lower).clamp(min=0).reshape(squared.shape)
+    shape = tangent.shape[:-2]
+    return ((squared * length).sum(-1) / 4).reshape(shape), is_open.reshape(shape)
 
 
-def _cutting_neighbors(tangent: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """For every bisector the neighbours that cut it from below and above, (..., k) each, and whether an edge is left.
+def _cuts(tangent: Tensor, squared: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """Where the bisectors of two adjacent neighbors u and v meet, as a parameter t along each.
 
-    An index equal to the bisector's own means: nothing cuts that side.
+    Neighbor v cuts the bisector of u at t = (|v|² − u·v) / (2 u×v), and u cuts that of v at (u·v − |u|²) / (2 u×v).
+
+    Args:
+        tangent: (n, 2) neighbors.
+        squared: (n,) their squared lengths.
+        first: (V,) index of u.
+        second: (V,) index of v, counterclockwise of u.
+
+    Returns:
+        (V,) upper end of u's edge and (V,) lower end of v's; infinite where u and v are parallel.
     """
-    own = torch.arange(tangent.shape[-2], device=tangent.device)
-    first, second = tangent[..., 0], tangent[..., 1]
-    outer = first[..., :, None] * second[..., None, :]
-    cross = (outer - outer.mT).add_(0.0)  # (..., k, k): u × v, row u, column v; the sum makes −0 into +0
-    rise = first[..., :, None] * first[..., None, :] + second[..., :, None] * second[..., None, :]
-    rise = torch.sub((first * first + second * second)[..., None, :], rise, out=rise)  # |v|² − u·v
-    # Where u × v = 0 the quotient is +∞ (no cut), or −∞ where v is nearer in the same direction (u is hidden).
-    # Of exact duplicates, 0/0, the first is kept.
-    tiny = tangent.new_tensor(torch.finfo(tangent.dtype).tiny)
-    rise += torch.where(own[None, :] < own[:, None], -tiny, tiny)
-    is_upper = cross >= 0
-    at = torch.div(rise, cross, out=rise)
-    upper, upper_cut = at.where(is_upper, torch.inf).min(-1)
-    lower, lower_cut = at.where(~is_upper, -torch.inf).max(-1)
-    return torch.where(lower.isinf(), own, lower_cut), torch.where(upper.isinf(), own, upper_cut), lower < upper
-
-
-def _cut(tangent: Tensor, squared: Tensor, cutter: Tensor) -> tuple[Tensor, Tensor]:
-    """Where `cutter` (..., k) cuts each bisector, and whether that vertex is within the neighbourhood's reach."""
-    other = tangent.take_along_dim(cutter[..., None], dim=-2)
-    twice_cross = 2 * (tangent[..., 0] * other[..., 1] - tangent[..., 1] * other[..., 0])
+    (ux, uy), (vx, vy) = tangent[first].unbind(-1), tangent[second].unbind(-1)
+    twice_cross = 2 * (ux * vy - uy * vx)
     crosses = twice_cross != 0
-    rise = squared_norm(other) - (other[..., 0] * tangent[..., 0] + other[..., 1] * tangent[..., 1])
-    at = rise / torch.where(crosses, twice_cross, 1)
-    reach = squared.detach().amax(-1, keepdim=True)
-    known = crosses & (squared.detach() * (0.25 + at.detach().square()) <= reach)
-    return torch.where(known, at, 0), known
+    twice_cross = twice_cross.where(crosses, 1)
+    product = ux * vx + uy * vy
+    upper, lower = (squared[second] - product) / twice_cross, (product - squared[first]) / twice_cross
+    return upper.where(crosses, torch.inf), lower.where(crosses, -torch.inf)
+
+
+def _cell_vertices(cells: Tensor, squared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Pairs of adjacent Voronoi neighbors of the origin, one pair for every vertex of the cell.
+
+    Args:
+        cells: (m, k, 2).
+        squared: (m, k), squared lengths.
+
+    Returns:
+        (V,) and (V,) rows of the flattened (m·k, 2) neighbors, the second counterclockwise of the first, and (m,) bool,
+        True where the cell is unbounded.
+    """
+    far = 4 * cells.abs().amax((-2, -1), keepdim=True)
+    cells = cells.where((squared > 0)[..., None], far)  # a neighbor at the origin has no bisector
+    rows = torch.arange(len(cells), device=cells.device)
+    first, second, unbounded = _walk(cells, rows)
+    if len(unbounded) > 0:  # walk the other way from the nearest neighbor, on the mirror image
+        mirrored = cells[unbounded] * cells.new_tensor((1, -1))
+        before, after, _ = _walk(mirrored, unbounded)
+        first, second = torch.cat((first, after)), torch.cat((second, before))
+    is_open = torch.zeros_like(rows, dtype=torch.bool)
+    is_open[unbounded] = True
+    return first, second, is_open
+
+
+def _walk(cells: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Visit the Voronoi neighbors of the origin counterclockwise, from the nearest, which always is one.
+
+    The next neighbor after u is the v on its left that cuts its bisector first. All cells take their steps together;
+    those that are finished drop out.
+
+    Args:
+        cells: (m, k, 2), no neighbor at the origin.
+        rows: (m,) the number of each cell.
+
+    Returns:
+        Successive neighbors, (V,) and (V,), as row · k + index, and the rows where no next neighbor was found.
+    """
+    x, y = (part.contiguous() for part in cells.unbind(-1))
+    squared = x * x + y * y
+    start = squared.argmin(-1, keepdim=True)
+    row, start_x, start_y = rows[:, None], x.gather(1, start), y.gather(1, start)
+    here, here_x, here_y = start, start_x, start_y
+    steps = []
+    for _ in range(cells.shape[1]):
+        cross = here_x * y - here_y * x  # exactly 0 for a neighbor in the same or the opposite direction
+        at = squared.addcmul(here_x, x, value=-1).addcmul_(here_y, y, value=-1)
+        at = at.div_(cross).masked_fill_(cross <= 0, torch.inf)
+        nearest, there = at.min(-1, keepdim=True)
+        there_x, there_y = x.gather(1, there), y.gather(1, there)
+        closes = (here_x * start_y > here_y * start_x) & (start_x * there_y >= start_y * there_x)
+        there = torch.where(closes, start, there)
+        ends = nearest.isinf()
+        steps.append((row, here, there, ends))
+        walking = (ends | closes).logical_not().squeeze(1).nonzero().squeeze(1)
+        if len(walking) == 0:
+            break
+        row, here, here_x, here_y, start, start_x, start_y, x, y, squared = (
+            part.index_select(0, walking)
+            for part in (row, there, there_x, there_y, start, start_x, start_y, x, y, squared)
+        )
+    row, here, there, ends = (torch.cat(column).squeeze(1) for column in zip(*steps, strict=True))
+    first_row, found = row * cells.shape[1], ends.logical_not()
+    return (first_row + here)[found], (first_row + there)[found], row[ends]
 
 
 def monte_carlo_cell_areas(tangent: Tensor, resolution: int = 32) -> Tensor:

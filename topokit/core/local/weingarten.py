@@ -1,7 +1,8 @@
-"""The self-adjoint Weingarten map by least squares (paper, Section II-B), without an eigendecomposition."""
+"""The Weingarten map from neighbors and their normals by least squares (paper, Section II-B)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -10,27 +11,30 @@ from torch import Tensor
 from topokit.core.linalg import adjugate, determinant, lift_smallest_eigenvalue, squared_norm, trace
 from topokit.errors import InputError
 
-Solver = Literal["sylvester", "symmetrized", "commuting"]
+Solver = Literal["sylvester", "symmetrized", "plain", "commuting"]
 
 
 def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "sylvester") -> Tensor:
-    """The linear map that takes steps on the surface to changes of its normal.
+    """The linear map W that takes steps on the surface to changes of its normal, dñ ≈ dp̃ W.
 
     Args:
-        tangent: (..., k, 2), offsets of the neighbours in the tangent basis, dp̃.
-        normal_change: (..., k, 2), their normals minus the centre's in the same basis, dñ.
-        solver: "sylvester" is the best symmetric map (Algorithm 1, in closed form); "symmetrized" is the
-            pseudo-inverse followed by (W + Wᵀ)/2; "commuting" assumes that the map commutes with dp̃ᵀdp̃, which is
-            only made for its determinant, the paper's shortcut for K.
+        tangent: (..., k, 2), offsets of the neighbors in the tangent basis, dp̃.
+        normal_change: (..., k, 2), their normals minus the center's in the same basis, dñ.
+        solver: a key of `SOLVERS`. "sylvester" is the best symmetric map (Algorithm 1); "symmetrized" the symmetric
+            part of the pseudo-inverse solution; "plain" that solution itself, for ablations; "commuting" the paper's
+            shortcut for K, of which only the determinant is meant.
 
     Returns:
-        (..., 2, 2), in 1/length, symmetric (for "commuting" only where its assumption holds). With outward normals a
-        sphere of radius r gives I/r: W is +∇n, the opposite of the paper's `definition of Weingarten map`.
-        Differentiable; finite where all neighbours lie on a line or coincide.
+        (..., 2, 2), in 1/length; symmetric for "sylvester" and "symmetrized". With outward normals a sphere of radius r
+        gives I/r: W is +∇n, the opposite of the paper's `definition of Weingarten map`. Differentiable; finite where
+        all neighbors lie on a line or coincide.
 
     Raises:
         InputError: for an unknown solver.
     """
+    if solver not in SOLVERS:
+        known = ", ".join(repr(name) for name in SOLVERS)
+        raise InputError(f"solver {solver!r} is unknown; expected one of {known}.")
     radius = squared_norm(tangent.detach()).mean(-1).sqrt()[..., None, None]
     radius = radius.where(radius > 0, 1)
     steps = tangent / radius
@@ -38,29 +42,49 @@ def weingarten_map(tangent: Tensor, normal_change: Tensor, solver: Solver = "syl
     size = trace(moment).detach()
     floor = torch.finfo(steps.dtype).eps ** 0.5 * size.where(size > 0, 1)
     moment = lift_smallest_eigenvalue(moment, floor)
-    mixed = steps.mT @ normal_change
-    if solver == "sylvester":
-        return solve_sylvester(moment, mixed + mixed.mT) / radius
-    if solver == "symmetrized":
-        plain = adjugate(moment) @ mixed / determinant(moment)[..., None, None]
-        return (plain + plain.mT) / 2 / radius
-    if solver == "commuting":
-        return adjugate(moment) @ (mixed + mixed.mT) / (2 * determinant(moment)[..., None, None]) / radius
-    raise InputError(f"solver {solver!r} is not known; use 'sylvester', 'symmetrized' or 'commuting'.")
+    return SOLVERS[solver](moment, steps.mT @ normal_change) / radius
 
 
 def solve_sylvester(moment: Tensor, mixed: Tensor) -> Tensor:
-    """The symmetric W with A W + W A = S for 2×2 symmetric positive definite A.
+    """The symmetric W with A W + W A = S, where S = X + Xᵀ, without an eigendecomposition.
 
-    W = (det A · S + adj A · S · adj A) / (2 det A · tr A); equal to Algorithm 1, which takes an eigendecomposition.
+    W = (det A · S + adj A · S · adj A) / (2 det A · tr A); equal to Algorithm 1.
 
     Args:
-        moment: A, (..., 2, 2).
-        mixed: S, (..., 2, 2), symmetric.
+        moment: A = dp̃ᵀ dp̃, (..., 2, 2), symmetric positive definite.
+        mixed: X = dp̃ᵀ dñ, (..., 2, 2).
 
     Reference:
         Paper, equation `robustestimationofW` and Algorithm 1.
     """
+    both = mixed + mixed.mT
     size, product = trace(moment)[..., None, None], determinant(moment)[..., None, None]
     opposite = adjugate(moment)
-    return (product * mixed + opposite @ mixed @ opposite) / (2 * product * size)
+    return (product * both + opposite @ both @ opposite) / (2 * product * size)
+
+
+def solve_plain(moment: Tensor, mixed: Tensor) -> Tensor:
+    """The least-squares map W = A⁻¹ X = dp̃⁺ dñ, not symmetric on noisy data. Arguments as for `solve_sylvester`."""
+    return adjugate(moment) @ mixed / determinant(moment)[..., None, None]
+
+
+def solve_symmetrized(moment: Tensor, mixed: Tensor) -> Tensor:
+    """(W + Wᵀ)/2 of the least-squares map W = A⁻¹ X. Arguments as for `solve_sylvester`."""
+    plain = solve_plain(moment, mixed)
+    return (plain + plain.mT) / 2
+
+
+def solve_commuting(moment: Tensor, mixed: Tensor) -> Tensor:
+    """½ A⁻¹ (X + Xᵀ), which solves the Sylvester equation if W and A commute; det W = det(X + Xᵀ) / (4 det A).
+
+    Arguments as for `solve_sylvester`. Symmetric only where its assumption holds.
+    """
+    return solve_plain(moment, mixed + mixed.mT) / 2
+
+
+SOLVERS: dict[Solver, Callable[[Tensor, Tensor], Tensor]] = {
+    "sylvester": solve_sylvester,
+    "symmetrized": solve_symmetrized,
+    "plain": solve_plain,
+    "commuting": solve_commuting,
+}

@@ -1,4 +1,4 @@
-"""A torus as an open3d cloud, asked for its topology, and handed back with its Gaussian curvature as colours.
+"""An open3d cloud of a torus: its topology, and the same cloud with its Gaussian curvature as colors.
 
 python examples/open3d_roundtrip.py [cloud.ply]
 """
@@ -11,7 +11,7 @@ import numpy as np
 import open3d as o3d
 
 import topokit as tk
-from topokit.export.open3d import to_open3d
+from topokit.export import to_open3d
 from topokit.testing import torus_samples
 
 
@@ -20,16 +20,14 @@ def main() -> None:
     shape = tk.load(cloud)
     print(shape.report())
 
-    coloured = to_open3d(shape.oriented())
-    red, _, blue = np.asarray(coloured.colors).T
-    print(
-        f"  {len(coloured.points)} points: {(red > blue).mean():.0%} red (outer half), {(red < blue).mean():.0%} blue"
-    )
+    colored = to_open3d(shape.oriented())
+    red, _, blue = np.asarray(colored.colors).T
+    print(f"  {len(colored.points)} points: {(red > blue).mean():.0%} red (outer half), {(red < blue).mean():.0%} blue")
 
     attributes = to_open3d(shape.oriented(), color_by="mean", tensor=True).point
     print(f"  as tensors: {', '.join(sorted(name for name, _ in attributes.items()))}")
     if len(sys.argv) > 1:
-        o3d.io.write_point_cloud(sys.argv[1], coloured)
+        o3d.io.write_point_cloud(sys.argv[1], colored)
         print(f"  written to {sys.argv[1]}")
 
 

@@ -1,4 +1,4 @@
-"""Triage of Gaussian splats before anyone spends an hour on meshing: a folder of files in, a table out.
+"""Triage of Gaussian splats before an hour is spent on meshing: a folder of files in, a table out.
 
     python examples/splat_triage.py [FOLDER]
 
@@ -38,7 +38,7 @@ def main() -> None:
 
 
 def triage(folder: Path) -> None:
-    """Print one row per splat file of the folder, then why each is what it is."""
+    """Print one row per splat file of the folder, then the reasons for each verdict."""
     console = Console()
     table = Table("file", "surface", "components", "genus", "χ", "verdict", box=box.SIMPLE)
     reasons: list[tuple[str, tuple[str, ...]]] = []
@@ -70,7 +70,7 @@ def write_examples(folder: Path) -> None:
     ball = sphere_samples(6000)
     sphere_discs = discs(ball.points, ball.normals, ball.area)
     torus_discs.to_ply(folder / "1-torus.ply")
-    sphere_discs.select(ball.points[:, 2] < 0.5).to_ply(folder / "2-open-bowl.ply")
+    sphere_discs[ball.points[:, 2] < 0.5].to_ply(folder / "2-open-bowl.ply")
     scattered = discs(20 * ball.points[:40] + 30, ball.normals[:40], ball.area / 150)
     joined(torus_discs, scattered).to_ply(folder / "3-torus-and-floaters.ply")
     aside = tk.GaussianSplats(ball.points + 4, sphere_discs.scales, sphere_discs.quaternions, sphere_discs.opacities)
@@ -85,8 +85,8 @@ def discs(points: Tensor, normals: Tensor, area: float) -> tk.GaussianSplats:
     n_splats = len(points)
     sign = torch.randint(0, 2, (n_splats, 1), generator=generator) * 2 - 1
     x, y, z = (normals * sign).unbind(-1)
-    upwards = torch.stack((1 + z, -y, x, torch.zeros_like(z)), dim=-1)  # the rotation that takes the z axis there
-    downwards = torch.stack((-y, 1 - z, torch.zeros_like(z), x), dim=-1)  # the same, by way of −z
+    upwards = torch.stack((1 + z, -y, x, torch.zeros_like(z)), dim=-1)  # the rotation that turns z to the normal
+    downwards = torch.stack((-y, 1 - z, torch.zeros_like(z), x), dim=-1)  # the same, through −z
     quaternions = torch.where(z[:, None] > 0, upwards, downwards)
     wide = math.sqrt(area / n_splats) * (0.6 + 0.3 * torch.rand(n_splats, 2, generator=generator, dtype=points.dtype))
     scales = torch.cat((wide, 0.03 * wide[:, :1]), dim=-1)

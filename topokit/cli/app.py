@@ -102,11 +102,11 @@ def curvature(
     """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
 
     def answer(path: Path) -> Answer:
-        from topokit.export.ply import write_curvature_ply
+        from topokit.export.ply import save_ply
 
         if output.exists() and output.samefile(path):
             raise InputError(f"{output} is the file to read; name another one to write.")
-        n_written = write_curvature_ply(output, opener(path), color_by)
+        n_written = save_ply(opener(path), output, color_by)
         return {}, f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
 
     answer_each([file], answer)

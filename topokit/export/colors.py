@@ -1,4 +1,4 @@
-"""What is drawn of a shape, in files and in open3d alike: curvature at its vertices or samples, and colours for it."""
+"""Curvature at the vertices or samples of a shape, and diverging colors for it: what every export shows."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Quantity = Literal["gaussian", "mean", "total"]
-_NEAREST = 6  # samples that a mesh vertex takes its value from
+_NEAREST = 6  # samples from which the value at a mesh vertex is interpolated
 
 
 @dataclass(frozen=True, eq=False)
-class Drawing:
-    """A surface to look at.
+class ColoredSurface:
+    """A surface with curvature as fields and colors.
 
     Attributes:
         positions: (N, 3), the vertices of a mesh, else the samples.
@@ -39,12 +39,11 @@ class Drawing:
     faces: NDArray[np.int64] | None
 
 
-def draw(shape: Shape, color_by: Quantity = "gaussian") -> Drawing:
-    """Curvature of a shape where it is drawn, with colours.
+def colored_surface(shape: Shape, color_by: Quantity = "gaussian") -> ColoredSurface:
+    """Curvature of a shape at its vertices if it has a mesh, else at its samples.
 
-    A mesh keeps its vertices and faces; each vertex takes the distance-weighted mean of its nearest samples. Anything
-    else is drawn as its samples. Blue is negative, white zero, red positive; the scale ends at the 95th percentile
-    of the absolute value, so that single peaks do not wash out the rest.
+    A vertex has the distance-weighted mean of its nearest samples. Blue is negative, white zero, red positive; the
+    scale ends at the 95th percentile of the absolute value, so that single peaks do not wash out the rest.
 
     Raises:
         InputError: if `color_by` is not one of the three, or the samples are batched.
@@ -53,7 +52,7 @@ def draw(shape: Shape, color_by: Quantity = "gaussian") -> Drawing:
         raise InputError(f"color_by is {color_by!r}; expected 'gaussian', 'mean' or 'total'.")
     if shape.samples.points.ndim != 2:
         raise InputError(
-            f"one shape is drawn at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
+            f"one shape is exported at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
             "Make a shape of each item."
         )
     with torch.no_grad():
@@ -69,11 +68,11 @@ def draw(shape: Shape, color_by: Quantity = "gaussian") -> Drawing:
     fields = dict(zip(("gaussian", "mean", "total", "k_min", "k_max", "area"), table.T[3:], strict=True))
     lengths = np.linalg.norm(table[:, :3], axis=1, keepdims=True)
     normals = table[:, :3] / np.maximum(lengths, np.finfo(float).tiny)
-    return Drawing(positions, normals, fields, diverging_colors(fields[color_by]), faces)
+    return ColoredSurface(positions, normals, fields, diverging_colors(fields[color_by]), faces)
 
 
 def diverging_colors(values: Floats) -> NDArray[np.uint8]:
-    """(N,) values as (N, 3) colours, blue through white to red, symmetric about zero."""
+    """(N,) values as (N, 3) colors, blue through white to red, symmetric about zero."""
     scale = np.quantile(np.abs(values), 0.95)
     share = np.clip(values / scale, -1, 1) if scale > 0 else np.zeros_like(values)
     blue, white, red = np.array([33, 102, 172]), np.array([247, 247, 247]), np.array([178, 24, 43])

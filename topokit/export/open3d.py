@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.errors import MissingDependencyError
-from topokit.export.colors import Drawing, Quantity, draw
+from topokit.export.colors import ColoredSurface, Quantity, colored_surface
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -26,12 +26,11 @@ _DEBIAN_PACKAGES = {
 
 
 def to_open3d(shape: Shape, color_by: Quantity = "gaussian", *, tensor: bool = False) -> Any:
-    """A shape as a geometry of open3d, with curvature as colours.
+    """A shape as a geometry of open3d, with curvature as colors.
 
-    A mesh stays a mesh, each vertex with the curvature of the samples around it; anything else becomes the cloud of its
-    samples, with normals, which point outward where the shape is oriented (see `Shape.oriented`). Blue is negative,
-    white zero, red positive, see `topokit.export.colors.draw`. The geometry has memory of its own, so that moving it
-    leaves the shape alone; gradients end here.
+    A mesh stays a mesh, each vertex with the curvature of the samples around it; any other shape becomes the cloud of
+    its samples, with normals, which point outward where the shape is oriented (see `Shape.oriented`). Blue is negative,
+    white zero, red positive, see `topokit.export.colors`. The geometry is a copy; gradients end here.
 
     Args:
         shape: any shape that is not batched.
@@ -48,32 +47,32 @@ def to_open3d(shape: Shape, color_by: Quantity = "gaussian", *, tensor: bool = F
         MissingDependencyError: if open3d is not installed, or lacks system libraries, which are named.
     """
     o3d = _open3d()
-    drawing = draw(shape, color_by)
+    surface = colored_surface(shape, color_by)
     points = shape.samples.points
     dtype = np.float64 if points.element_size() == 8 else np.float32
     on_gpu = points.is_cuda and o3d.core.cuda.is_available()
     device = o3d.core.Device(f"CUDA:{points.get_device()}" if on_gpu else "CPU:0")
-    geometry = _geometry(o3d, drawing, dtype, device)
+    geometry = _geometry(o3d, surface, dtype, device)
     return geometry if tensor else geometry.to_legacy()
 
 
-def _geometry(o3d: Any, drawing: Drawing, dtype: type[np.floating[Any]], device: Any) -> Any:
-    """The drawing in open3d's tensor API."""
+def _geometry(o3d: Any, surface: ColoredSurface, dtype: type[np.floating[Any]], device: Any) -> Any:
+    """The surface in open3d's tensor API."""
 
     def tensor(values: NDArray[Any], dtype: type[np.generic]) -> Any:
         return o3d.core.Tensor(np.ascontiguousarray(values, dtype=dtype), device=device)
 
-    is_mesh = drawing.faces is not None
+    is_mesh = surface.faces is not None
     geometry = o3d.t.geometry.TriangleMesh(device) if is_mesh else o3d.t.geometry.PointCloud(device)
     attributes = geometry.vertex if is_mesh else geometry.point
-    attributes["positions"] = tensor(drawing.positions, dtype)
-    attributes["colors"] = tensor(drawing.colors / 255, np.float32)
-    for name, values in drawing.fields.items():
+    attributes["positions"] = tensor(surface.positions, dtype)
+    attributes["colors"] = tensor(surface.colors / 255, np.float32)
+    for name, values in surface.fields.items():
         attributes[name] = tensor(values[:, None], dtype)
-    if drawing.faces is None:
-        attributes["normals"] = tensor(drawing.normals, dtype)
+    if surface.faces is None:
+        attributes["normals"] = tensor(surface.normals, dtype)
     else:
-        geometry.triangle["indices"] = tensor(drawing.faces, np.int64)
+        geometry.triangle["indices"] = tensor(surface.faces, np.int64)
         geometry.compute_vertex_normals()  # from the faces, which are better than the samples around a sharp corner
     return geometry
 
@@ -82,20 +81,20 @@ def _open3d() -> Any:
     try:
         import open3d
     except ModuleNotFoundError as error:
-        lack = "open3d" if error.name == "open3d" else f"a package that open3d needs ({error.name})"
-        raise MissingDependencyError(f"to_open3d needs {lack}, which is not installed: {_INSTALL}.") from error
+        missing = "open3d" if error.name == "open3d" else f"a package that open3d needs ({error.name})"
+        raise MissingDependencyError(f"to_open3d needs {missing}, which is not installed: {_INSTALL}.") from error
     except (ImportError, OSError) as error:
         raise MissingDependencyError(_what_is_missing(str(error))) from error
     return open3d
 
 
-def _what_is_missing(said: str) -> str:
-    """Why open3d could not be loaded: the linker names the first library it lacks, the others are looked for here."""
-    libraries = re.findall(r"^(\S+): cannot open shared object file", said)
+def _what_is_missing(message: str) -> str:
+    """Why open3d could not be loaded. The linker names only the first missing library; the others are tried here."""
+    libraries = re.findall(r"^(\S+): cannot open shared object file", message)
     if sys.platform == "linux":
-        libraries += [name for name in _DEBIAN_PACKAGES if name not in libraries and not _is_there(name)]
+        libraries += [name for name in _DEBIAN_PACKAGES if name not in libraries and not _can_be_loaded(name)]
     if not libraries:
-        return f"open3d is installed but could not be loaded ({said}). Install it again: {_INSTALL}."
+        return f"open3d is installed but could not be loaded ({message}). Install it again: {_INSTALL}."
     known = [_DEBIAN_PACKAGES[name] for name in libraries if name in _DEBIAN_PACKAGES]
     others = [name for name in libraries if name not in _DEBIAN_PACKAGES]
     ways = [f"sudo apt-get install {' '.join(known)}"] if known else []
@@ -106,7 +105,7 @@ def _what_is_missing(said: str) -> str:
     )
 
 
-def _is_there(library: str) -> bool:
+def _can_be_loaded(library: str) -> bool:
     try:
         ctypes.CDLL(library)
     except OSError:

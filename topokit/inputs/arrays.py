@@ -1,4 +1,4 @@
-"""Arrays of any library as tensors: torch's own as they are, others through DLPack, all else through NumPy."""
+"""Arrays of any library as tensors: tensors as they are, others through DLPack, else through NumPy."""
 
 from __future__ import annotations
 
@@ -12,40 +12,40 @@ from torch.utils.dlpack import from_dlpack
 
 from topokit.errors import InputError
 
-_DLPACK = ("__dlpack__", "to_dlpack")  # the protocol, and what tensors of open3d before 0.20 have
+_DLPACK = ("__dlpack__", "to_dlpack")  # the protocol; its predecessor, as in tensors of open3d before 0.20
 
 
 def is_array(values: object) -> bool:
-    """Whether it is a tensor, or offers `__dlpack__` (or its forerunner `to_dlpack`) or `__array__`."""
-    return isinstance(values, Tensor) or any(hasattr(values, way) for way in (*_DLPACK, "__array__"))
+    """Whether this is a tensor, or has `__dlpack__` (or its predecessor `to_dlpack`) or `__array__`."""
+    return isinstance(values, Tensor) or any(hasattr(values, method) for method in (*_DLPACK, "__array__"))
 
 
 def as_tensor(values: object, name: str, expected: str) -> Tensor:
     """Real numbers as a tensor of their own type.
 
     Args:
-        values: a tensor, which is returned as it is, with its graph; anything with `__dlpack__`, whose memory is shared
-            and which stays on its device; anything with `__array__`, or nested sequences. Their memory is shared, too,
-            where NumPy can do so: nobody is to write to the result.
+        values: a tensor, which is returned with its graph; anything with `__dlpack__`, which shares its memory and
+            stays on its device; anything with `__array__`, or nested sequences, which share memory where NumPy can.
+            Do not write to the result.
         name: what to call the values in errors.
         expected: the shape to name in errors.
 
     Raises:
-        InputError: if these are no real numbers, or DLPack and NumPy both refuse.
+        InputError: if the values are not real numbers, or neither DLPack nor NumPy can convert them.
     """
     shared = _shared(values, name)
-    tensor = _by_numpy(values, name, expected) if shared is None else shared
+    tensor = _through_numpy(values, name, expected) if shared is None else shared
     if tensor.is_complex():
         raise InputError(f"{name} must hold real numbers, got {tensor.dtype}; expected shape {expected}.")
     return tensor
 
 
 def as_floating(values: object, name: str, expected: str) -> Tensor:
-    """Real numbers as floating point, in which the core can compute.
+    """Real numbers in a floating-point type that the core supports.
 
-    Tensors keep their type (integers are refused further on: nobody can differentiate them), and so does what comes by
-    DLPack; its integers, and everything that comes by way of NumPy, become float64, copied. Half precision is
-    widened to float32.
+    Tensors and arrays through DLPack keep their floating type, half precision is widened to float32. Integers through
+    DLPack, and all arrays through NumPy, become float64 copies. Integer tensors stay as they are; `SurfaceSamples`
+    rejects them.
 
     Args:
         values: see `as_tensor`.
@@ -62,24 +62,24 @@ def as_floating(values: object, name: str, expected: str) -> Tensor:
 
 
 def _shared(values: Any, name: str) -> Tensor | None:
-    """The tensor itself, or one that DLPack makes of the same memory; None where NumPy is to be asked."""
+    """The tensor itself, or a tensor on the same memory through DLPack; None if only NumPy can convert the values."""
     if isinstance(values, Tensor):
         return values
-    hand_over = next((getattr(values, way) for way in _DLPACK if hasattr(values, way)), None)
-    if hand_over is None or isinstance(values, np.ndarray):
+    export = next((getattr(values, method) for method in _DLPACK if hasattr(values, method)), None)
+    if export is None or isinstance(values, np.ndarray):
         return None
     try:
-        return from_dlpack(values if hasattr(values, "__dlpack_device__") else hand_over())
+        return from_dlpack(values if hasattr(values, "__dlpack_device__") else export())
     except (AttributeError, BufferError, RuntimeError, TypeError, ValueError) as error:
         if hasattr(values, "__array__"):
             return None
         raise InputError(
-            f"{name}: {type(values).__name__} could not be handed over by DLPack ({error}); convert it to a tensor "
+            f"{name}: {type(values).__name__} could not be converted through DLPack ({error}); convert it to a tensor "
             "or a NumPy array first."
         ) from error
 
 
-def _by_numpy(values: object, name: str, expected: str) -> Tensor:
+def _through_numpy(values: object, name: str, expected: str) -> Tensor:
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufcO":

@@ -1,4 +1,4 @@
-"""Points and triangles of other libraries' objects, by the attributes they offer: none of the libraries is imported."""
+"""Points and triangles of objects of other libraries, by their attributes; none of the libraries is imported."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def points_of(source: Any) -> tuple[Any, Any | None] | None:
 
     Args:
         source: a point cloud of open3d (either API) or trimesh; a mesh of either, for its vertices alone; or a
-            `trimesh.Scene` of these, all put together with their transformations.
+            `trimesh.Scene` of these, concatenated with their transformations applied.
 
     Returns:
         Positions (N, 3) and normals (N, 3) or None, as arrays of whatever kind the object has; None for other objects.
@@ -25,7 +25,7 @@ def points_of(source: Any) -> tuple[Any, Any | None] | None:
         if _has(attributes, "positions"):
             is_cloud = hasattr(source, "point") and "normals" in attributes
             return attributes["positions"], attributes["normals"] if is_cloud else None
-    if hasattr(source, "points") and hasattr(source, "has_normals"):  # its other one
+    if hasattr(source, "points") and hasattr(source, "has_normals"):  # open3d's legacy API
         return source.points, source.normals if source.has_normals() else None
     return (source.vertices, None) if hasattr(source, "vertices") else None
 
@@ -56,5 +56,5 @@ def _is_scene(source: object) -> bool:
 
 
 def _has(attributes: Any, name: str) -> bool:
-    """Whether it is a mapping such as open3d's TensorMap, with this entry."""
+    """Whether this is a mapping, such as open3d's TensorMap, with this entry."""
     return hasattr(attributes, "__contains__") and hasattr(attributes, "__getitem__") and name in attributes

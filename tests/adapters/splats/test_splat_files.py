@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from splat_writers import WRITERS, Scene, random_scene, write_ply, write_spz
+from splat_writers import WRITERS, Scene, random_scene, write_compressed_ply, write_ply, write_spz
 
 import topokit as tk
 from topokit.errors import ReadError, UnknownFormatError
 
-DATA = Path(__file__).parents[4] / "shared" / "data" / "splats"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the real splat files are not at {DATA}")
 # Half a step of each format: means as a share of the scene's side, scales as a factor, rotation as an angle.
 MEANS = {"3dgs": 1e-6, "splat": 1e-6, "compressed": 6e-4, "spz": 4e-5, "spz-1": 3e-4, "sog": 4e-5, "ksplat": 2e-5}
 SCALES = {"3dgs": 1e-5, "splat": 1e-6, "compressed": 5e-3, "spz": 0.035, "sog": 0.02, "ksplat": 1e-3}
@@ -33,7 +31,7 @@ def angles(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 
 def agree(splats: tk.GaussianSplats, scene: Scene, format_name: str) -> None:
-    """Means, scales, rotations and opacities agree with the scene within the format's quantisation."""
+    """Means, scales, rotations and opacities agree with the scene within the format's quantization."""
     side = np.ptp(scene.means, axis=0).max()
     assert len(splats) == len(scene.means)
     assert np.abs(splats.means.numpy() - scene.means).max() <= tolerance(MEANS, format_name) * side
@@ -85,10 +83,14 @@ def test_round_trip_keeps_the_ends_finite(tmp_path: Path) -> None:
     torch.testing.assert_close(again.opacities, splats.opacities, rtol=0, atol=1e-6)
 
 
-def test_to_ply_refuses_a_missing_folder(tmp_path: Path) -> None:
+def test_to_ply_refuses_a_missing_folder_and_another_suffix(tmp_path: Path) -> None:
     splats = tk.GaussianSplats(torch.zeros(1, 3), torch.ones(1, 3), torch.ones(1, 4), torch.ones(1))
-    with pytest.raises(tk.TopokitError, match="does not exist"):
+    with pytest.raises(tk.TopokitError, match=r"the folder of .*scene\.ply does not exist: create it first"):
         splats.to_ply(tmp_path / "nowhere" / "scene.ply")
+    with pytest.raises(tk.TopokitError, match=r"scene\.splat does not end with \.ply"):
+        splats.to_ply(tmp_path / "scene.splat")
+    with pytest.raises(tk.TopokitError, match="no splat to write"):
+        splats[:0].to_ply(tmp_path / "scene.ply")
 
 
 def test_two_dimensional_gaussians_have_a_third_scale_of_zero(tmp_path: Path) -> None:
@@ -99,11 +101,30 @@ def test_two_dimensional_gaussians_have_a_third_scale_of_zero(tmp_path: Path) ->
     torch.testing.assert_close(splats.scales[:, :2].double(), torch.from_numpy(scene.scales[:, :2]), rtol=1e-5, atol=0)
 
 
-def test_half_floats_are_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("style", ["binary_little_endian", "binary_big_endian", "ascii"])
+def test_half_floats_are_read(style: str, tmp_path: Path) -> None:
     scene = random_scene(100)
-    write_ply(tmp_path / "scene.ply", scene, kind="half")
+    write_ply(tmp_path / "scene.ply", scene, kind="half", style=style)
     splats = tk.GaussianSplats.from_file(tmp_path / "scene.ply")
     assert np.abs(splats.means.numpy() - scene.means).max() < 2e-3
+
+
+def test_comments_and_line_ends_of_any_kind_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "scene.ply"
+    write_ply(path, random_scene(30))
+    header, _, body = path.read_bytes().partition(b"end_header\n")
+    path.write_bytes(header.replace(b"made by a test", "café, 東京".encode()) + b"end_header\n" + body)
+    agree(tk.GaussianSplats.from_file(path), random_scene(30), "3dgs")
+    path.write_bytes(header.replace(b"\n", b"\r\n") + b"end_header\r\n" + body)
+    agree(tk.GaussianSplats.from_file(path), random_scene(30), "3dgs")
+
+
+def test_compressed_ply_with_properties_of_another_type_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scene.ply"
+    write_compressed_ply(path, random_scene(30))
+    path.write_bytes(path.read_bytes().replace(b"property uint packed_scale", b"property float packed_scale"))
+    with pytest.raises(ReadError, match=r"element 'vertex' of a compressed \.ply must have rows of .*each uint"):
+        tk.GaussianSplats.from_file(path)
 
 
 def test_other_elements_may_come_before_the_splats(tmp_path: Path) -> None:
@@ -156,15 +177,15 @@ def test_a_bomb_is_refused_before_it_expands(tmp_path: Path) -> None:
         tk.GaussianSplats.from_file(path)
 
 
-@needs_data
-@pytest.mark.parametrize("path", sorted(DATA.iterdir()) if DATA.is_dir() else [], ids=lambda path: path.name)
-def test_every_real_file_loads(path: Path) -> None:
-    shape = tk.load(path, n_samples=2000)
-    assert shape.samples.n_points == 2000
-    assert any("samples lie on the discs" in note for note in shape.notes)
+def test_every_real_file_loads(real_data: Path) -> None:
+    files = sorted((real_data / "splats").iterdir())
+    assert len(files) >= 20
+    for path in files:
+        shape = tk.load(path, n_samples=2000)
+        assert shape.samples.n_points == 2000, path
+        assert any("samples lie on the discs" in note for note in shape.notes), path
 
 
-@needs_data
 @pytest.mark.parametrize(
     ("coarse", "fine", "mean_step"),
     [
@@ -179,8 +200,8 @@ def test_every_real_file_loads(path: Path) -> None:
         ("fixture_minimal-v4.spz", "fixture_minimal.splat", 0.5 / 4096),
     ],
 )
-def test_one_scene_in_two_formats_agrees(coarse: str, fine: str, mean_step: float) -> None:
-    first, second = (tk.GaussianSplats.from_file(DATA / name) for name in (coarse, fine))
+def test_one_scene_in_two_formats_agrees(coarse: str, fine: str, mean_step: float, real_data: Path) -> None:
+    first, second = (tk.GaussianSplats.from_file(real_data / "splats" / name) for name in (coarse, fine))
     assert len(first) == len(second)
     rows = _same_order(first, second)
     assert float((first.means[rows] - second.means).abs().max()) <= mean_step

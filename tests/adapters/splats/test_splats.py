@@ -50,8 +50,8 @@ def test_samples_lie_on_the_surface_and_cover_it() -> None:
     assert float(torus_distance(points).abs().max()) < 0.7 * spacing**2 / 0.4 + 0.2 * spacing
     everywhere = torch.from_numpy(torus_scene(3000, seed=5).means)
     gaps = torch.cdist(everywhere, points).amin(-1)
-    at_centres = torch.cdist(everywhere, torch.from_numpy(scene.means)).amin(-1)
-    assert float(gaps.quantile(0.99)) < 0.8 * float(at_centres.quantile(0.99))
+    at_centers = torch.cdist(everywhere, torch.from_numpy(scene.means)).amin(-1)
+    assert float(gaps.quantile(0.99)) < 0.8 * float(at_centers.quantile(0.99))
 
 
 def test_normals_are_the_axes_of_the_smallest_scales_whichever_column_that_is() -> None:
@@ -92,6 +92,17 @@ def test_samples_are_shared_out_by_area_and_opacity() -> None:
     assert counts == pytest.approx([2000, 4000, 1000], abs=1)
 
 
+def test_samples_do_not_depend_on_when_they_are_made() -> None:
+    generator = torch.Generator().manual_seed(5)
+    first, second = (tk.from_splats(splats_of(torus_scene(500)), generator=generator) for _ in range(2))
+    late = second.samples.points, first.samples.points
+    again = torch.Generator().manual_seed(5)
+    early = [tk.from_splats(splats_of(torus_scene(500)), generator=again).samples.points for _ in range(2)]
+    assert torch.equal(late[1], early[0])
+    assert torch.equal(late[0], early[1])
+    assert not torch.equal(early[0], early[1])
+
+
 def test_the_generator_decides_the_samples() -> None:
     splats = splats_of(torus_scene(500))
     seeded = [
@@ -105,7 +116,7 @@ def test_the_generator_decides_the_samples() -> None:
 def test_the_number_of_samples_follows_the_splats() -> None:
     splats = splats_of(torus_scene(12_000))
     assert tk.from_splats(splats).samples.n_points == 12_000
-    assert tk.from_splats(splats.select(torch.arange(900))).samples.n_points == 5_000
+    assert tk.from_splats(splats[:900]).samples.n_points == 5_000
     assert tk.from_splats(splats, n_samples=333).samples.n_points == 333
 
 
@@ -132,7 +143,7 @@ def test_points_and_frames_are_differentiable_in_means_scales_and_quaternions() 
 
     def sampled(means: Tensor, scales: Tensor, quaternions: Tensor) -> tuple[Tensor, Tensor]:
         splats = tk.GaussianSplats(means, scales, quaternions, opacities)
-        samples = tk.from_splats(splats, component="all", min_cluster=None, n_samples=24, n_neighbors=5).samples
+        samples = tk.from_splats(splats, component="all", min_cluster_share=None, n_samples=24, n_neighbors=5).samples
         assert samples.frames is not None
         return samples.points, samples.frames
 
@@ -176,14 +187,14 @@ def test_everything_dropped_is_counted() -> None:
     shape = tk.from_splats(splats_of(joined(scene, floaters)))
     assert note(shape, "NaN").startswith("15 of 3006 splats")
     assert note(shape, "min_opacity=0.1").startswith("100 of 2991 splats")
-    assert note(shape, "max_size=10").startswith("40 of 2891 splats")
-    assert note(shape, "max_thickness=0.5").startswith("200 of 2851 splats")
-    assert note(shape, "min_cluster=0.01").startswith("6 of 2651 splats lie in isolated clusters (6)")
+    assert note(shape, "max_size_ratio=10").startswith("40 of 2891 splats")
+    assert note(shape, "max_thickness_ratio=0.5").startswith("200 of 2851 splats")
+    assert note(shape, "min_cluster_share=0.01").startswith("6 of 2651 splats lie in isolated clusters (6)")
     assert note(shape, "samples lie on").endswith("of 2645 of 3006 splats.")
     assert set(shape.notes) <= set(shape.report().reasons)
 
 
-@pytest.mark.parametrize("switch", ["min_opacity", "max_size", "max_thickness", "min_cluster"])
+@pytest.mark.parametrize("switch", ["min_opacity", "max_size_ratio", "max_thickness_ratio", "min_cluster_share"])
 def test_every_filter_has_a_switch(switch: str) -> None:
     scene = torus_scene(1000)
     scene.opacities[:10] = 0.02
@@ -218,7 +229,7 @@ def test_parts_that_nearly_touch_are_one_cluster_and_a_large_disc_belongs_to_its
     gap = 2.8 + 0.5 * float(np.median(scene.scales[:, 0]))
     assert len(tk.from_splats(splats_of(joined(scene, moved(scene, gap)))).notes) == 1
     lid = Scene(np.zeros((1, 3)), np.array([[0.42, 0.42, 0.001]]), np.array([[1.0, 0, 0, 0]]), np.ones(1))
-    shape = tk.from_splats(splats_of(joined(scene, lid)), max_size=None, n_samples=5000)
+    shape = tk.from_splats(splats_of(joined(scene, lid)), max_size_ratio=None, n_samples=5000)
     assert float(shape.samples.points[:, :2].norm(dim=-1).min()) < 0.2
 
 
@@ -228,7 +239,7 @@ def test_a_splat_far_away_does_not_coarsen_the_clusters(distance: float) -> None
     far = moved(torus_scene(1), distance)._replace(scales=both.scales[:1])
     shape = tk.from_splats(splats_of(joined(both, far)), component="largest")
     assert "(2 in all" in note(shape, "component=")
-    assert note(shape, "min_cluster").startswith("1 of 2501 splats")
+    assert note(shape, "min_cluster_share").startswith("1 of 2501 splats")
 
 
 def test_blobs_are_kept_and_their_normals_put_aside() -> None:
@@ -238,10 +249,10 @@ def test_blobs_are_kept_and_their_normals_put_aside() -> None:
     assert shape.samples.frames is None
     assert shape.samples.normals is None
     assert "2000 of 2000 splats" in note(shape, "most are blobs")
-    assert tk.from_splats(splats_of(scene), max_thickness=None).samples.frames is not None
+    assert tk.from_splats(splats_of(scene), max_thickness_ratio=None).samples.frames is not None
 
 
-def test_a_scene_of_which_nothing_is_left_is_refused_with_the_filter_that_did_it() -> None:
+def test_an_empty_result_names_the_filter() -> None:
     scene = torus_scene(100)
     splats = splats_of(scene._replace(opacities=np.full(100, 0.01)))
     with pytest.raises(InputError, match=r"min_opacity=0\.1.*pass None"):
@@ -257,9 +268,9 @@ def test_a_scene_of_which_nothing_is_left_is_refused_with_the_filter_that_did_it
     ("options", "words"),
     [
         ({"min_opacity": 2.0}, "min_opacity"),
-        ({"max_thickness": -0.1}, "max_thickness"),
-        ({"min_cluster": float("nan")}, "min_cluster"),
-        ({"max_size": 0.5}, "max_size"),
+        ({"max_thickness_ratio": -0.1}, "max_thickness_ratio"),
+        ({"min_cluster_share": float("nan")}, "min_cluster_share"),
+        ({"max_size_ratio": 0.5}, "max_size_ratio"),
         ({"n_samples": 20}, "n_samples"),
     ],
 )
@@ -305,19 +316,21 @@ def test_wrong_tensors_are_refused_with_what_to_do(changed: dict[str, object], w
         tk.GaussianSplats(**{**parts, **changed})  # type: ignore[arg-type]
 
 
+def linear_dictionary(scene: Scene) -> dict[str, Tensor]:
+    """What is passed to `gsplat.rasterization`."""
+    return dict(zip(("means", "scales", "quats", "opacities"), map(torch.from_numpy, scene), strict=True))
+
+
+def stored_dictionary(scene: Scene) -> dict[str, Tensor]:
+    """What gsplat's trainer stores."""
+    linear = linear_dictionary(scene)
+    opacities = linear["opacities"].clamp(max=0.999).logit()[:, None]
+    return {**linear, "scales": linear["scales"].log(), "opacities": opacities}
+
+
 def test_a_trainer_s_dictionary_and_the_rasterizer_s_arguments() -> None:
     scene = torus_scene(400)
-    linear = {
-        "means": torch.from_numpy(scene.means),
-        "scales": torch.from_numpy(scene.scales),
-        "quats": torch.from_numpy(scene.quaternions),
-        "opacities": torch.from_numpy(scene.opacities),
-    }
-    stored = {
-        **linear,
-        "scales": linear["scales"].log(),
-        "opacities": linear["opacities"].clamp(max=0.999).logit()[:, None],
-    }
+    linear, stored = linear_dictionary(scene), stored_dictionary(scene)
     expected = splats_of(scene)
     for splats in (
         tk.GaussianSplats.from_dict(linear, activated=True),
@@ -327,10 +340,81 @@ def test_a_trainer_s_dictionary_and_the_rasterizer_s_arguments() -> None:
         torch.testing.assert_close(splats.scales, expected.scales, rtol=1e-12, atol=0)
         torch.testing.assert_close(splats.opacities, expected.opacities, rtol=0, atol=1e-3)
     assert tk.from_splats(torch.nn.ParameterDict(stored), n_samples=50).samples.points.requires_grad
-    with pytest.raises(InputError, match="activated=True"):
-        tk.GaussianSplats.from_dict(linear)
+    with pytest.raises(InputError, match=r"pass activated=True if they are linear already"):
+        tk.from_splats(linear)
+    given = tk.from_splats(linear, activated=True, n_samples=50).samples.points
+    assert torch.equal(given, tk.from_splats(expected, n_samples=50).samples.points)
+    with pytest.raises(
+        InputError, match=r"activated=True is for dictionaries of tensors.*GaussianSplats: leave it out"
+    ):
+        tk.from_splats(expected, activated=True)
     with pytest.raises(InputError, match="lacks quats"):
         tk.GaussianSplats.from_dict({key: value for key, value in linear.items() if key != "quats"})
+
+
+NAMES = {
+    "gsplat": ("means", "scales", "quats", "opacities"),
+    "INRIA": ("_xyz", "_scaling", "_rotation", "_opacity"),
+    "INRIA, without underscores": ("xyz", "scaling", "rotation", "opacity"),
+    "nerfstudio": tuple(f"gauss_params.{name}" for name in ("means", "scales", "quats", "opacities")),
+    "nerfstudio, whole": tuple(f"_model.gauss_params.{name}" for name in ("means", "scales", "quats", "opacities")),
+    "topokit": ("means", "scales", "quaternions", "opacities"),
+}
+
+
+@pytest.mark.parametrize("trainer", NAMES)
+def test_every_trainer_s_names_are_understood(trainer: str) -> None:
+    stored = stored_dictionary(torus_scene(300))
+    renamed = dict(zip(NAMES[trainer], stored.values(), strict=True)) | {"_features_dc": torch.zeros(300, 3)}
+    expected = tk.GaussianSplats.from_dict(stored)
+    for holder in (renamed, {"step": 3, "splats": renamed}, {"pipeline": renamed}, {"pipeline": {"splats": renamed}}):
+        splats = tk.GaussianSplats.from_dict(holder)
+        for part in ("means", "scales", "quaternions", "opacities"):
+            assert torch.equal(getattr(splats, part), getattr(expected, part)), part
+
+
+def test_two_dimensional_gaussians_in_a_dictionary_have_a_third_scale_of_zero() -> None:
+    stored = stored_dictionary(torus_scene(300))
+    splats = tk.GaussianSplats.from_dict({**stored, "scales": stored["scales"][:, :2]})
+    torch.testing.assert_close(splats.scales[:, :2], stored["scales"][:, :2].exp())
+    assert bool((splats.scales[:, 2] == 0).all())
+
+
+def test_dictionaries_that_are_no_scene_are_explained() -> None:
+    stored = stored_dictionary(torus_scene(50))
+    with pytest.raises(InputError, match=r"has means twice, as 'means' and as '_xyz': pass one of them"):
+        tk.from_splats({**stored, "_xyz": stored["means"]})
+    with pytest.raises(
+        InputError, match=r"lacks means, scales, quats, opacities; it has weight, bias\. Expected means"
+    ):
+        tk.from_splats({"weight": torch.zeros(3), "bias": torch.zeros(3)})
+    with pytest.raises(InputError, match="it has no entries"):
+        tk.from_splats({})
+
+
+def test_a_checkpoint_is_opened_as_the_message_advises(tmp_path: Path) -> None:
+    stored = stored_dictionary(torus_scene(400))
+    path = tmp_path / "ckpt_29999_rank0.pt"
+    torch.save({"step": 29999, "splats": stored}, path)
+    advice = r"topokit\.from_splats\(torch\.load\(path, weights_only=True\)\)"
+    for opener in (tk.from_splats, tk.load):
+        with pytest.raises(tk.TopokitError, match=advice):
+            opener(path)
+    shape = tk.from_splats(torch.load(path, weights_only=True), n_samples=60)
+    assert torch.equal(shape.samples.points, tk.from_splats(stored, n_samples=60).samples.points)
+
+
+def test_splats_are_indexed_like_arrays() -> None:
+    splats = splats_of(torus_scene(20))
+    mask = splats.means[:, 0] > 0
+    for rows, expected in (
+        (mask, splats.means[mask]),
+        (torch.tensor([3, 1]), splats.means[[3, 1]]),
+        (slice(2, 9, 2), splats.means[2:9:2]),
+        (-1, splats.means[-1:]),
+    ):
+        assert torch.equal(splats[rows].means, expected)
+    assert [len(one) for one in splats] == [1] * 20
 
 
 # load
@@ -380,6 +464,6 @@ def test_stored_normals_are_never_looked_at(tmp_path: Path) -> None:
     assert torch.equal(first.frames, second.frames)
 
 
-def test_what_from_splats_cannot_take_is_named() -> None:
+def test_sources_of_other_types_are_named() -> None:
     with pytest.raises(InputError, match="got list"):
         tk.from_splats([1, 2, 3])  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ from topokit.inputs.files import existing_file
 from topokit.inputs.objects import points_of
 from topokit.shape import Shape
 
-_FEW = 0.01  # share of useless normals up to which their points are dropped rather than all normals
+_FEW = 0.01  # share of invalid normals up to which their points are dropped; above it all normals are ignored
 
 
 def from_points(
@@ -31,20 +31,19 @@ def from_points(
 
     Args:
         points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz) or a point cloud
-            of open3d or trimesh, whose normals are used if it has any; or a mesh of these, for its vertices alone.
-            Tensors, and whatever offers `__dlpack__`, keep device, memory and floating type (half precision is widened
-            to float32), tensors their gradient, too; other arrays become float64.
-        normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows with a normal that is
-            zero or not finite are dropped while they are at most 1 %; beyond that all normals are put aside. Either
-            is said in the report.
-        n_neighbors: k of the local half.
+            of open3d or trimesh, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors
+            and objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32),
+            and tensors their gradient; other arrays become float64.
+        normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
+            not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
+        n_neighbors: number of nearest neighbors for curvature.
 
     Returns:
-        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped and counted.
+        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped; the report counts them.
 
     Raises:
         ReadError: if the file is missing or malformed.
-        InputError: on wrong shapes or integer tensors, if most rows are not finite, or if too few are left.
+        InputError: on wrong shapes or integer tensors, if most rows are not finite, or if too few remain.
 
     Example:
         >>> import topokit as tk, torch
@@ -69,7 +68,7 @@ def from_points(
             f"normals must have the shape of the points, {tuple(positions.shape)}, got {tuple(directions.shape)}."
         )
     if positions.ndim == 2:
-        positions, directions = _without_broken_rows(positions, directions, notes)
+        positions, directions = _valid_rows(positions, directions, notes)
     return Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
 
 
@@ -90,26 +89,28 @@ def _of_object(source: object) -> tuple[Any, Any | None]:
     return found
 
 
-def _without_broken_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:
+def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:
+    """Rows with finite points and, where normals are kept, valid normals; what is dropped is noted."""
     finite = torch.isfinite(points.detach()).all(-1)
-    n_broken = int((~finite).sum())
-    if n_broken:
-        if 2 * n_broken > len(points):
+    n_dropped = int((~finite).sum())
+    if n_dropped:
+        what = f"{n_dropped} of {len(points)} points are NaN or infinite"
+        if 2 * n_dropped > len(points):
             raise InputError(
-                f"{n_broken} of {len(points)} points are NaN or infinite. A cloud of which most is missing is refused: "
-                "keep the finite rows yourself if they are what you mean."
+                f"{what}. More than half of the cloud is invalid: keep the finite rows yourself to use them."
             )
-        notes.append(f"{n_broken} of {len(points)} points are NaN or infinite and were dropped.")
+        notes.append(f"{what} and were dropped.")
         points = points[finite]
         normals = None if normals is None else normals[finite]
     if normals is None:
         return points, None
-    useful = torch.isfinite(normals.detach()).all(-1) & (normals.detach() != 0).any(-1)
-    n_useless = int((~useful).sum())
-    if n_useless == 0:
+    valid = torch.isfinite(normals.detach()).all(-1) & (normals.detach() != 0).any(-1)
+    n_invalid = int((~valid).sum())
+    if n_invalid == 0:
         return points, normals
-    if n_useless > _FEW * len(points):
-        notes.append(f"{n_useless} of {len(points)} normals are zero or not finite; all normals were put aside.")
+    what = f"{n_invalid} of {len(points)} normals are zero or not finite"
+    if n_invalid > _FEW * len(points):
+        notes.append(f"{what}; all normals were ignored.")
         return points, None
-    notes.append(f"{n_useless} of {len(points)} normals are zero or not finite; their points were dropped.")
-    return points[useful], normals[useful]
+    notes.append(f"{what}; their points were dropped.")
+    return points[valid], normals[valid]

@@ -9,10 +9,11 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.cleaning import Limits, clean
+from topokit.adapters.splats.cleaning import Kept, Limits, clean
 from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
+from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -24,36 +25,40 @@ _FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 20_000
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
     *,
+    activated: bool = False,
     component: Component = "all",
     min_opacity: float | None = 0.1,
-    max_size: float | None = 10.0,
-    max_thickness: float | None = 0.5,
-    min_cluster: float | None = 0.01,
+    max_size_ratio: float | None = 10.0,
+    max_thickness_ratio: float | None = 0.5,
+    min_cluster_share: float | None = 0.01,
     n_samples: int | None = None,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """Gaussian splats as a shape of samples on their discs.
 
-    Normals are the axes of the smallest scales (stored normals are zeros and never looked at); their signs are
-    unknown. Everything that is dropped is counted in the shape's notes, which become reasons of its report.
+    Normals are the axes of the smallest scales; their signs are unknown. (Stored normals are zeros and are ignored.)
+    Everything that is dropped is counted in the shape's notes, which become reasons of its report.
 
     Args:
         source: a path (.ply .splat .spz .sog .ksplat, or the folder of an unzipped .sog), a `GaussianSplats`, or a
-            dictionary as gsplat's trainer stores it (see `GaussianSplats.from_dict`). Tensors keep dtype, device and
-            gradient; files are sampled in float64.
-        component: "all" keeps every cluster that is not isolated, "largest" the one with most area, an
-            index chooses one, counted by area from 0. Clusters are as coherent as the discs are large: gaps below
-            about two median disc sizes do not part them.
-        min_opacity: fainter splats are dropped. None switches this and each of the following three off.
-        max_size: splats whose largest scale exceeds this many medians are dropped (background, sky).
-        max_thickness: splats whose smallest scale exceeds this share of the middle one are dropped: they have no
-            normal to speak of. If that is most of the scene, all are kept and normals are estimated from the samples.
-        min_cluster: clusters with less than this share of the area are dropped (floaters).
+            dictionary or loaded checkpoint of gsplat, nerfstudio or INRIA's trainer (see `GaussianSplats.from_dict`).
+            Tensors keep dtype, device and gradient; files are sampled in float64.
+        activated: for dictionaries: False for what a trainer stores (log scales, logit opacities), True for linear
+            scales and opacities 0 … 1.
+        component: "all" keeps every cluster that is not isolated, "largest" the one with most area, an index chooses
+            one, counted by area from 0. Gaps below about two median disc sizes do not separate clusters.
+        min_opacity: splats of lower opacity are dropped. None switches this and each of the following three off.
+        max_size_ratio: splats whose largest scale exceeds the median of the scene this many times are dropped
+            (background, sky).
+        max_thickness_ratio: splats whose smallest scale exceeds this fraction of their middle scale are dropped: they
+            are blobs without a normal. If that is most of the scene, all are kept and normals are estimated from the
+            samples.
+        min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
         n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
-            least 5 000 and at most 20 000: several samples on one disc add coverage, but no curvature.
-        n_neighbors: k of the local half.
-        generator: source of randomness (CPU); seed 0 if None.
+            least 5 000 and at most 20 000: several samples on one disc improve coverage, not curvature.
+        n_neighbors: number of nearest neighbors for curvature.
+        generator: source of randomness (CPU), advanced by one draw; seed 0 if None.
 
     Returns:
         A `Shape`, differentiable in means, scales and quaternions: samples move with their splats. Which splats are
@@ -74,39 +79,35 @@ def from_splats(
         >>> round(float(tk.from_splats(splats).euler()))
         2
     """
-    _check_limits(min_opacity, max_size, max_thickness, min_cluster)
-    if n_samples is not None and n_samples <= n_neighbors:
-        raise InputError(f"n_samples is {n_samples}; it must be larger than n_neighbors, which is {n_neighbors}.")
-    name, splats = _open(source)
-    kept = clean(splats, Limits(min_opacity, max_size, max_thickness, min_cluster), component)
-    if n_samples is None:
-        n_samples = min(max(len(kept.splats), _FEWEST_SAMPLES), _MOST_SAMPLES)
-    on_discs = sample_discs(kept.splats, n_samples, generator)
-    samples = SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
-    summary = f"{n_samples} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
-    return Shape(samples, name=name, notes=(*kept.notes, summary), n_neighbors=n_neighbors)
+    limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)
+    if n_samples is not None:
+        check_sample_count(n_samples, n_neighbors)
+    name, splats = _open(source, activated)
+    kept = clean(splats, limits, component)
+    count = n_samples or min(max(len(kept.splats), _FEWEST_SAMPLES), _MOST_SAMPLES)
+    seed = deferred_seed(generator)
+    summary = f"{count} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
+    return Shape(lambda: _samples(kept, count, seed), name=name, notes=(*kept.notes, summary), n_neighbors=n_neighbors)
 
 
-def _open(source: object) -> tuple[str, GaussianSplats]:
+def _samples(kept: Kept, count: int, seed: int) -> SurfaceSamples:
+    on_discs = sample_discs(kept.splats, count, torch.Generator().manual_seed(seed))
+    return SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
+
+
+def _open(source: object, activated: bool) -> tuple[str, GaussianSplats]:
+    if isinstance(source, Mapping | torch.nn.ParameterDict):
+        return "splats", GaussianSplats.from_dict(source, activated=activated)
+    if activated:
+        raise InputError(
+            f"activated=True is for dictionaries of tensors, but from_splats got {type(source).__name__}: leave it out."
+        )
     if isinstance(source, str | os.PathLike):
         path = Path(source)
         name = path.parent.name if path.name == "meta.json" else path.name
         return name or "splats", GaussianSplats.from_file(path).to(torch.float64)
     if isinstance(source, GaussianSplats):
         return "splats", source
-    if isinstance(source, Mapping | torch.nn.ParameterDict):
-        return "splats", GaussianSplats.from_dict(source)
     raise InputError(
         f"from_splats got {type(source).__name__}; expected a path, a GaussianSplats or a dictionary of tensors."
     )
-
-
-def _check_limits(
-    min_opacity: float | None, max_size: float | None, max_thickness: float | None, min_cluster: float | None
-) -> None:
-    shares = {"min_opacity": min_opacity, "max_thickness": max_thickness, "min_cluster": min_cluster}
-    for name, value in shares.items():
-        if value is not None and not 0 <= value <= 1:
-            raise InputError(f"{name} is {value}; expected a share 0 … 1, or None to switch it off.")
-    if max_size is not None and not max_size >= 1:
-        raise InputError(f"max_size is {max_size}; expected at least 1 (times the median), or None to switch it off.")

@@ -1,4 +1,4 @@
-"""What of a scene is surface: filters by opacity, size and flatness, then the choice of a coherent cluster."""
+"""Filters that leave the surface of a scene: by opacity, size and flatness, then by cluster."""
 
 from __future__ import annotations
 
@@ -15,21 +15,36 @@ from topokit.errors import InputError
 
 @dataclass(frozen=True)
 class Limits:
-    """What is kept; None switches a filter off. See `topokit.from_splats`."""
+    """Limits of the filters; None switches a filter off. See `topokit.from_splats`.
+
+    Raises:
+        InputError: if a share is outside 0 … 1, or the ratio of sizes below 1.
+    """
 
     min_opacity: float | None
-    max_size: float | None
-    max_thickness: float | None
-    min_cluster: float | None
+    max_size_ratio: float | None
+    max_thickness_ratio: float | None
+    min_cluster_share: float | None
+
+    def __post_init__(self) -> None:
+        for name in ("min_opacity", "max_thickness_ratio", "min_cluster_share"):
+            value = getattr(self, name)
+            if value is not None and not 0 <= value <= 1:
+                raise InputError(f"{name} is {value}; expected a share 0 … 1, or None to switch it off.")
+        if self.max_size_ratio is not None and not self.max_size_ratio >= 1:
+            raise InputError(
+                f"max_size_ratio is {self.max_size_ratio}; expected at least 1 (times the median), or None to switch "
+                "it off."
+            )
 
 
 @dataclass(frozen=True)
 class Kept:
-    """What the cleaning left.
+    """The splats that passed the filters.
 
     Attributes:
         splats: the splats kept, differentiable in the ones given.
-        is_flat: whether enough of them are discs for their rotations to be believed.
+        is_flat: whether at least half of them are discs, so that their rotations give normals.
         notes: a sentence for everything that was dropped, with its count.
     """
 
@@ -39,7 +54,7 @@ class Kept:
 
 
 def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
-    """Drop what is no surface and choose a cluster. Which splats are kept is not differentiable; the splats are.
+    """Drop what is not surface and choose a cluster. The splats stay differentiable, the choice is not.
 
     Raises:
         InputError: if nothing is left, most rows are broken, or there is no such component.
@@ -49,23 +64,29 @@ def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
     if limits.min_opacity is not None:
         faint = splats.opacities < limits.min_opacity
         splats = _drop(splats, faint, f"are fainter than min_opacity={limits.min_opacity:g}", notes)
-    if limits.max_size is not None:
+    if limits.max_size_ratio is not None:
         size = splats.scales.detach().amax(-1)
-        huge = size > limits.max_size * size.median()
-        splats = _drop(splats, huge, f"are larger than max_size={limits.max_size:g} times the median", notes)
+        huge = size > limits.max_size_ratio * size.median()
+        splats = _drop(
+            splats, huge, f"are larger than max_size_ratio={limits.max_size_ratio:g} times the median", notes
+        )
     is_flat = True
-    if limits.max_thickness is not None:
-        thick = thickness(splats) > limits.max_thickness
-        is_flat = 2 * int(thick.sum()) <= len(splats)
-        if is_flat:
-            splats = _drop(splats, thick, f"are thicker than max_thickness={limits.max_thickness:g}", notes)
-        else:
-            notes.append(
-                f"{int(thick.sum())} of {len(splats)} splats are thicker than max_thickness={limits.max_thickness:g}: "
-                "most are blobs, not discs. They were kept; their rotations say nothing about normals, which are "
-                "estimated from the samples instead."
-            )
-    return Kept(choose_clusters(splats, limits.min_cluster, component, notes), is_flat, tuple(notes))
+    if limits.max_thickness_ratio is not None:
+        splats, is_flat = _without_thick(splats, limits.max_thickness_ratio, notes)
+    return Kept(choose_clusters(splats, limits.min_cluster_share, component, notes), is_flat, tuple(notes))
+
+
+def _without_thick(splats: GaussianSplats, max_ratio: float, notes: list[str]) -> tuple[GaussianSplats, bool]:
+    """The discs, or all splats where most are blobs; and whether they are discs."""
+    thick = thickness(splats) > max_ratio
+    why = f"are thicker than max_thickness_ratio={max_ratio:g}"
+    if 2 * int(thick.sum()) <= len(splats):
+        return _drop(splats, thick, why, notes), True
+    notes.append(
+        f"{int(thick.sum())} of {len(splats)} splats {why}: most are blobs, not discs. They were kept; their rotations "
+        "give no normals, which are estimated from the samples instead."
+    )
+    return splats, False
 
 
 def _without_broken(splats: GaussianSplats, notes: list[str]) -> GaussianSplats:
@@ -76,7 +97,7 @@ def _without_broken(splats: GaussianSplats, notes: list[str]) -> GaussianSplats:
     if 2 * n_broken > len(splats) or len(splats) == 0:
         raise InputError(
             f"{n_broken} of {len(splats)} splats are NaN, infinite, without rotation or of no area. "
-            "A scene of which most is missing is refused: keep the sound rows yourself if they are what you mean."
+            "More than half of the scene is invalid: keep the valid rows yourself if you want to use them."
         )
     return _drop(splats, ~sound, "are NaN, infinite, without rotation or of no area", notes)
 
@@ -88,4 +109,4 @@ def _drop(splats: GaussianSplats, dropped: Tensor, why: str, notes: list[str]) -
     if n_dropped == len(splats):
         raise InputError(f"all {n_dropped} splats {why}: nothing is left. Relax that limit, or pass None to skip it.")
     notes.append(f"{n_dropped} of {len(splats)} splats {why} and were dropped.")
-    return splats.select(~dropped)
+    return splats[~dropped]

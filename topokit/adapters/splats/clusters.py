@@ -16,18 +16,18 @@ from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
 from topokit.errors import InputError
 
 Component = Literal["largest", "all"] | int
-_REACH = 1.5  # standard deviations over which a disc counts as there when clusters are looked for
+_REACH = 1.5  # standard deviations, radius of a disc when clusters are formed
 _LINK = 2.0  # cells of the cluster grid per median size
 
 
 def choose_clusters(
-    splats: GaussianSplats, min_cluster: float | None, component: Component, notes: list[str]
+    splats: GaussianSplats, min_cluster_share: float | None, component: Component, notes: list[str]
 ) -> GaussianSplats:
     """The splats of the clusters asked for, numbered by area times opacity from the largest.
 
     Args:
-        splats: N splats of finite rows.
-        min_cluster: clusters of less than this share are isolated and never chosen; None for no such limit.
+        splats: N splats with finite rows.
+        min_cluster_share: clusters of less than this share are isolated and never chosen; None for no limit.
         component: "largest", "all" that are not isolated, or an index.
         notes: what is dropped is added here, with its count.
 
@@ -37,7 +37,7 @@ def choose_clusters(
     labels = _clusters(splats)
     shares = np.bincount(labels, disc_weights(splats).cpu().numpy()).astype(np.float64)
     order = np.argsort(-shares, kind="stable")
-    isolated = shares < (0 if min_cluster is None else min_cluster)
+    isolated = shares < (0 if min_cluster_share is None else min_cluster_share)
     isolated[order[0]] = False
     order = order[~isolated[order]]
     if component == "all":
@@ -56,7 +56,7 @@ def choose_clusters(
     if stray.any():
         notes.append(
             f"{int(stray.sum())} of {len(splats)} splats lie in isolated clusters ({int(isolated.sum())}) of less than "
-            f"min_cluster={min_cluster:g} of the area each and were dropped."
+            f"min_cluster_share={min_cluster_share:g} of the area each and were dropped."
         )
     if elsewhere.any():
         notes.append(
@@ -64,7 +64,7 @@ def choose_clusters(
             f"{_percentages(shares[order])} of the area) and were dropped: component={component!r}."
         )
     kept = torch.from_numpy(np.flatnonzero(np.isin(labels, chosen)))
-    return splats if len(kept) == len(splats) else splats.select(kept.to(splats.means.device))
+    return splats if len(kept) == len(splats) else splats[kept.to(splats.means.device)]
 
 
 def _percentages(shares: NDArray[np.float64], most: int = 5) -> str:
@@ -75,12 +75,12 @@ def _percentages(shares: NDArray[np.float64], most: int = 5) -> str:
 def _clusters(splats: GaussianSplats) -> NDArray[np.int64]:
     """Labels (N,) of coherent clusters.
 
-    Every disc is marked by its centre and the four ends of its axes in a grid; cells that touch, and cells of one
-    disc, belong together. Unlike the neighbour graph of the centres this does not mind a large disc among small ones.
+    Every disc marks its center and the four ends of its axes in a grid; cells that touch, and cells of one disc, are
+    connected. Unlike a neighbor graph of the centers this connects a large disc to small ones at its rim.
     """
     marks, cell = _disc_marks(splats)
     cells, of_mark = _cells((marks - np.median(marks[:, 0], axis=0)) / cell)
-    touching = cKDTree(cells).query_pairs(1.8, output_type="ndarray")  # √3 reaches the corner neighbours
+    touching = cKDTree(cells).query_pairs(1.8, output_type="ndarray")  # √3 reaches the corner neighbors
     rows = np.concatenate((touching[:, 0], np.repeat(of_mark[:, 0], 4)))
     columns = np.concatenate((touching[:, 1], of_mark[:, 1:].ravel()))
     graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(len(cells), len(cells)))
@@ -88,21 +88,21 @@ def _clusters(splats: GaussianSplats) -> NDArray[np.int64]:
     return np.unique(labels[of_mark[:, 0]], return_inverse=True)[1]
 
 
-def _cells(places: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Occupied unit cells (C, 3) and which of them each place (..., 3) is in: (...,).
+def _cells(positions: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Occupied unit cells (C, 3), and the cell of each position (..., 3) as an index (...,).
 
-    A cell is one 64-bit number, 21 bits per axis, because sorting rows would take most of the time. What is farther
-    than a million cells away is counted at that distance.
+    A cell is one 64-bit number, 21 bits per axis, because sorting rows would take most of the time. Positions more
+    than a million cells away are clipped to that distance.
     """
     most = 1 << 20
-    steps = np.clip(np.floor(places), -most, most - 1).astype(np.int64) + most
+    steps = np.clip(np.floor(positions), -most, most - 1).astype(np.int64) + most
     keys, of_place = np.unique(steps[..., 0] << 42 | steps[..., 1] << 21 | steps[..., 2], return_inverse=True)
     cells = np.stack([keys >> shift & (2 * most - 1) for shift in (42, 21, 0)], axis=1)
-    return cells, of_place.reshape(places.shape[:-1])
+    return cells, of_place.reshape(positions.shape[:-1])
 
 
 def _disc_marks(splats: GaussianSplats) -> tuple[NDArray[np.float64], float]:
-    """Five points (N, 5, 3) on every disc, and the side of a grid cell."""
+    """Five points on every disc, (N, 5, 3), and the side of a grid cell."""
     means = splats.means.detach().double().cpu()
     scales = splats.scales.detach().double().cpu()
     axes = rotation_matrices(splats.quaternions.detach().double().cpu()).mT * scales[..., None] * _REACH

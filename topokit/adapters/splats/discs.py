@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.splats.gaussians import GaussianSplats
-from topokit.adapters.splats.geometry import disc_weights, rotation_matrices, thickness
+from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.core.draws import stratified_draw
 
 REACH = 1.0  # standard deviations: discs of this radius overlap in a trained scene without leaving the surface
 
@@ -22,21 +23,19 @@ class DiscSamples:
         points: (M, 3), differentiable.
         frames: (M, 3, 3), rows t, t', n, right-handed, differentiable; n is the axis of the smallest scale, whose
             sign is unknown, t that of the largest.
-        flatness: (M,), 0 … 1: how far n is to be believed, 1 − smallest / middle scale.
         splat: (M,) int64, the splat that each sample lies on.
     """
 
     points: Tensor
     frames: Tensor
-    flatness: Tensor
     splat: Tensor
 
 
 def sample_discs(splats: GaussianSplats, n_samples: int, generator: torch.Generator | None = None) -> DiscSamples:
     """Points spread over the discs in proportion to area times opacity.
 
-    The weight is cut into `n_samples` equal shares in file order and one point is drawn in each; its place is uniform
-    on the ellipse of one standard deviation around the mean.
+    Splats are drawn stratified by weight in file order; the position on the disc is uniform on the ellipse of one
+    standard deviation around the mean.
 
     Args:
         splats: N splats with finite rows, positive weight and unit quaternions.
@@ -44,22 +43,18 @@ def sample_discs(splats: GaussianSplats, n_samples: int, generator: torch.Genera
         generator: source of randomness (CPU); seed 0 if None.
 
     Returns:
-        `DiscSamples` on the splats' device. Positions and frames move with their splats at a fixed choice of splats
-        and places on their discs.
+        `DiscSamples` on the splats' device. Points and frames are differentiable in the splats at a fixed choice of
+        splats and positions on their discs.
     """
     generator = generator or torch.Generator().manual_seed(0)
-    reached = disc_weights(splats).cpu().cumsum(0)
-    share = (torch.arange(n_samples) + torch.rand(n_samples, generator=generator, dtype=torch.float64)) / n_samples
-    splat = torch.searchsorted(reached, share * reached[-1]).clamp(max=len(splats) - 1)
-    radius, turn = torch.rand(2, n_samples, generator=generator, dtype=torch.float64)
-    radius, turn = REACH * radius.sqrt(), 2 * math.pi * turn  # without the square root the points crowd in the middle
-    place = torch.stack((radius * turn.cos(), radius * turn.sin()), dim=-1).to(splats.means)  # (M, 2)
-    splat = splat.to(splats.means.device)
+    splat = stratified_draw(disc_weights(splats).cpu(), n_samples, generator).to(splats.means.device)
+    radius, angle = torch.rand(2, n_samples, generator=generator, dtype=torch.float64)
+    radius, angle = REACH * radius.sqrt(), 2 * math.pi * angle  # without the square root the points crowd the center
+    position = torch.stack((radius * angle.cos(), radius * angle.sin()), dim=-1).to(splats.means)  # (M, 2)
     scales, order = splats.scales.sort(dim=-1, descending=True)  # (N, 3)
     axes = rotation_matrices(splats.quaternions).mT.take_along_dim(order[..., None], dim=-2)  # rows: largest first
-    frames = _right_handed(axes)[splat]
-    offsets = (place * scales[splat, :2]).unsqueeze(-2) @ axes[splat, :2]  # (M, 1, 3)
-    return DiscSamples(splats.means[splat] + offsets.squeeze(-2), frames, 1 - thickness(splats)[splat], splat)
+    offsets = (position * scales[splat, :2]).unsqueeze(-2) @ axes[splat, :2]  # (M, 1, 3)
+    return DiscSamples(splats.means[splat] + offsets.squeeze(-2), _right_handed(axes)[splat], splat)
 
 
 def _right_handed(axes: Tensor) -> Tensor:

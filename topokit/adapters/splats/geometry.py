@@ -1,4 +1,4 @@
-"""What a Gaussian is as a disc: its axes, its flatness, its area."""
+"""Gaussians as discs: rotation matrices, thickness, area and sampling weight."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def thickness(splats: GaussianSplats) -> Tensor:
 
 
 def disc_areas(splats: GaussianSplats) -> Tensor:
-    """Product of the two larger scales, (N,), float64, in which no float32 overflows; detached."""
+    """Product of the two larger scales, (N,), in float64, where products of float32 cannot overflow; detached."""
     ordered = splats.scales.detach().double().sort(dim=-1).values
     return ordered[:, 1] * ordered[:, 2]
 

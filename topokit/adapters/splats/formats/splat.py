@@ -13,10 +13,10 @@ _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("
 
 
 def read_splat(path: Path) -> SplatTable:
-    """Splats of a .splat file: linear scales, opacity in the fourth colour byte, rotation bytes (q + 1)·128.
+    """Splats of a .splat file: linear scales, opacity in the fourth color byte, rotation bytes (q + 1)·128.
 
     Raises:
-        ReadError: if the size is no multiple of 32, or if most rows cannot be splats.
+        ReadError: if the size is not a multiple of 32, or if most rows cannot be splats.
 
     Reference:
         https://github.com/antimatter15/splat

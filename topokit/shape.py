@@ -154,7 +154,7 @@ class Shape(ShapeData):
             tolerance=tolerance,
             neighbors=local.neighbors,
         )
-        refined = surface_curvature(corrected(oriented, refinement), settings, neighbors=local.neighbors)
+        refined = surface_curvature(corrected(oriented, refinement, local.area), settings, neighbors=local.neighbors)
         return euler_characteristic(refined.gaussian, refined.area) + boundary
 
     def smoothed_euler(self, tau: float | None = None) -> Tensor:

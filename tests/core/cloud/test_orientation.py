@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud import downsampling as thinning
+from topokit.core.cloud import downsampling
 from topokit.core.cloud.delaunay_cut import delaunay_complex
 from topokit.core.cloud.downsampling import KEPT_POINTS, thin
 from topokit.core.cloud.neighborhoods import fit_planes, local_geometry, unit
@@ -55,7 +57,7 @@ def box() -> Cloud:
 
 
 @pytest.mark.parametrize("make", [sphere, torus, nested_spheres, linked_tori, box])
-def test_unoriented_clouds_are_oriented(make: type) -> None:
+def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud]) -> None:
     points, normals = make()
     found = orient(points)
     assert ((found.normals * normals).sum(1) > 0).mean() >= 0.99
@@ -84,8 +86,8 @@ def test_orientation_is_deterministic() -> None:
 
 
 def test_large_clouds_are_thinned_and_every_point_gets_a_normal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(thinning, "MOST_POINTS", 4000)
-    monkeypatch.setattr(thinning, "KEPT_POINTS", 3000)
+    monkeypatch.setattr(downsampling, "MOST_POINTS", 4000)
+    monkeypatch.setattr(downsampling, "KEPT_POINTS", 3000)
     points, normals = nested_spheres()
     found = orient(points)
     assert found.normals.shape == points.shape
@@ -120,7 +122,7 @@ def test_planes_in_blocks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("make", [sphere, torus])
-def test_given_normals_are_judged(make: type) -> None:
+def test_given_normals_are_judged(make: Callable[[], Cloud]) -> None:
     points, normals = make()
     local = local_geometry(points)
     complex_ = delaunay_complex(points, local.spacing)

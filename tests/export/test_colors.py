@@ -1,4 +1,4 @@
-"""Exports: colors symmetric about zero, unit normals, and meshes with fewer samples than neighbors."""
+"""What every export shows: colors symmetric about zero, unit normals, curvature interpolated at vertices."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_mesh_takes_the_values_of_the_samples_around_its_vertices() -> None:
     assert np.median(np.abs(surface.fields["mean"] / exact - 1)) < 0.1
 
 
-def test_fewer_samples_than_a_vertex_would_have_neighbours() -> None:
+def test_fewer_samples_than_a_vertex_would_have_neighbors() -> None:
     surface = colored_surface(tk.from_mesh(icosphere(1), n_samples=5, n_neighbors=3))
     assert all(np.isfinite(values).all() for values in surface.fields.values())
 

@@ -116,7 +116,7 @@ def test_half_precision_is_widened_with_its_graph(dtype: torch.dtype) -> None:
 def test_long_doubles_read_only_and_reversed_arrays_are_taken() -> None:
     points = SPHERE.points.numpy()
     fixed = points.copy()
-    fixed.flags.writeable = False
+    fixed.setflags(write=False)
     for array in (points.astype(np.longdouble), fixed, points[::-1][::-1], points.astype(">f8"), points.astype(object)):
         np.testing.assert_array_equal(tk.from_points(array).samples.points.numpy(), points)
 
@@ -228,7 +228,7 @@ def test_normals_that_are_given_win_over_those_of_an_object() -> None:
         ),
         (
             trimesh.PointCloud(np.zeros((9, 3))),
-            "points has 9 points, too few for 20 neighbours each: give at least 21, "
+            "points has 9 points, too few for 20 neighbors each: give at least 21, "
             "or pass a smaller n_neighbors (3 or more).",
         ),
     ],
@@ -244,12 +244,12 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
     [
         (
             trimesh.PointCloud(np.zeros((9, 3))),
-            "from_mesh got PointCloud; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got PointCloud; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (
             np.zeros((9, 3)),
-            "from_mesh got ndarray; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got ndarray; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (trimesh.Scene(), "the mesh has no faces; for points alone use topokit.from_points."),

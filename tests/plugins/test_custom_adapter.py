@@ -49,7 +49,7 @@ def test_uninstalled_it_is_gone(environment: Environment) -> None:
     try:
         found = environment.topokit("report", RING)
         assert found.returncode == 1
-        assert f"{RING}: '.metaballs' is not a known format and its content is not one either." in found.stderr
+        assert f"{RING}: '.metaballs' is not a known format, and its content is not one either." in found.stderr
         assert "metaballs" not in environment.topokit("adapters").stdout
     finally:
         environment.install(environment.folder / "source")

@@ -423,7 +423,7 @@ def raising(error: Exception) -> Any:
         (
             lambda source: shape(points=POINTS[:5]),
             InputError,
-            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbours each: give at least 21, or pass a "
+            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbors each: give at least 21, or pass a "
             "smaller n_neighbors (3 or more).",
         ),
         (raising(KeyError("radius")), AdapterError, "adapter 'blobs' could not open {} (KeyError: 'radius')."),

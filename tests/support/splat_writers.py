@@ -64,7 +64,7 @@ def torus_scene(n_splats: int = 4000, major: float = 1.0, minor: float = 0.4, se
 def write_ply(
     path: Path, scene: Scene, n_scales: int = 3, kind: str = "float", style: str = "binary_little_endian"
 ) -> None:
-    """3DGS or (two scales) 2DGS, with nonsense for normals and unnormalised rotations, in any .ply encoding."""
+    """3DGS or (two scales) 2DGS, with nonsense for normals and unnormalized rotations, in any .ply encoding."""
     n_splats = len(scene.means)
     rng = np.random.default_rng(1)
     with np.errstate(divide="ignore"):

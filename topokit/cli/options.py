@@ -26,7 +26,6 @@ _COMMON = {
 }
 _TEXTS = {
     "level": "Volumes and networks: value on the surface.",
-    "threshold": "Occupancy networks: value on the surface.",
     "label": "Volumes: voxels with this label are the solid.",
     "connectivity": "Volumes: 6 or 26.",
     "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",

@@ -31,7 +31,7 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
         raise InputError(f"n_neighbors is {n_neighbors}; at least 3 are needed to span a tangent plane.")
     if n_points <= n_neighbors:
         raise InputError(
-            f"{n_points} points are too few for {n_neighbors} neighbours each: "
+            f"{n_points} points are too few for {n_neighbors} neighbors each: "
             f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
         )
     search = _kd_tree if points.device.type == "cpu" else _exact

@@ -22,7 +22,7 @@ class SurfaceSamples:
         frames: (..., N, 3, 3) or None; rows t, t', n of an orthonormal moving frame. Takes precedence over `normals`.
         areas: (..., N) or None (then the tangent Voronoi areas), in squared units of length.
         oriented: True if the signs of the normals are to be believed (pointing outward). If False, or if there are
-            no normals, neighbouring normals are aligned with the centre's before they are compared, so the Gaussian
+            no normals, neighboring normals are aligned with the center's before they are compared, so the Gaussian
             curvature does not depend on the signs and the mean curvature's sign is meaningless.
 
     Raises:
@@ -110,13 +110,13 @@ def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> Surf
     """The samples themselves.
 
     Raises:
-        InputError: if they are something else, or not more than the neighbours that each is to have.
+        InputError: if they are something else, or do not outnumber the neighbors of each.
     """
     if not isinstance(samples, SurfaceSamples):
         raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
     if samples.n_points <= n_neighbors:
         raise InputError(
-            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbours each: "
+            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbors each: "
             f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
         )
     return samples

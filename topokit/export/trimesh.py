@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 
-def to_trimesh(shape: Shape, color_by: Quantity = "gaussian") -> trimesh.Trimesh:
+def to_trimesh(shape: Shape, color_by: Quantity | None = "gaussian") -> trimesh.Trimesh:
     """The mesh of a shape as a `trimesh.Trimesh`, with curvature as vertex colors and attributes.
 
     Vertices and faces are those that the shape was counted from; nothing is merged or removed. Each vertex has the
@@ -22,7 +22,8 @@ def to_trimesh(shape: Shape, color_by: Quantity = "gaussian") -> trimesh.Trimesh
 
     Args:
         shape: a shape that was made from a mesh.
-        color_by: "gaussian", "mean" or "total": the curvature shown as colors, see `topokit.export.colors`.
+        color_by: "gaussian", "mean" or "total": the curvature shown as colors, see `topokit.export.colors`; None for
+            the bare mesh, without computing curvature.
 
     Raises:
         InputError: if the shape was not made from a mesh, `color_by` is not one of the three, or the samples are
@@ -30,10 +31,13 @@ def to_trimesh(shape: Shape, color_by: Quantity = "gaussian") -> trimesh.Trimesh
     """
     if shape.mesh is None:
         raise InputError(
-            f"{shape.name} was not made from a mesh; save_ply and to_open3d take any shape."
+            f"{shape.name} was not made from a mesh, so there is none to export; save_ply and to_open3d take any shape."
         )
     import trimesh
 
+    if color_by is None:
+        vertices, faces = (part.detach().cpu().numpy() for part in shape.mesh)
+        return trimesh.Trimesh(vertices, faces, process=False)
     surface = colored_surface(shape, color_by)
     return trimesh.Trimesh(
         surface.positions,

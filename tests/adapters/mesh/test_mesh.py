@@ -40,11 +40,14 @@ def test_arrays_tensors_and_trimesh_objects_agree() -> None:
     vertices, faces = torus_mesh()
     sources = (
         (vertices, faces),
+        [vertices, faces],
         (vertices.tolist(), faces.tolist()),
         (torch.from_numpy(vertices), torch.from_numpy(faces)),
         trimesh.Trimesh(vertices, faces, process=False),
     )
     shapes = [tk.from_mesh(source) for source in sources]
+    shapes.append(tk.from_mesh(vertices, faces))
+    shapes.append(tk.from_mesh(torch.from_numpy(vertices), faces=faces.tolist()))
     assert {(shape.report().euler, shape.report().verdict) for shape in shapes} == {(0, "certain")}
     assert len({float(shape.euler()) for shape in shapes}) == 1
 
@@ -138,6 +141,34 @@ def test_the_same_seed_gives_the_same_answer() -> None:
     assert not torch.equal(one.samples.points, other.samples.points)
 
 
+def test_samples_are_drawn_when_they_are_first_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[int] = []
+
+    def draw(*arguments: object) -> object:
+        drawn.append(1)
+        return sample_triangles(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("topokit.adapters.mesh.adapter.sample_triangles", draw)
+    shape = tk.from_mesh(torus_mesh(20, 10))
+    assert not drawn
+    assert torch.equal(shape.samples.points, shape.samples.points)
+    assert len(drawn) == 1
+
+
+def test_draws_do_not_depend_on_when_they_are_made() -> None:
+    vertices, faces = genus_mesh(1)
+    generator = torch.Generator().manual_seed(3)
+    early = tk.from_mesh(vertices, faces, generator=generator)
+    later = tk.from_mesh(vertices, faces, generator=generator)
+    same = tk.from_mesh(vertices, faces, generator=torch.Generator().manual_seed(3))
+    torch.rand(100, generator=generator)
+    assert torch.equal(early.samples.points, same.samples.points)
+    assert not torch.equal(early.samples.points, later.samples.points)
+    default = tk.from_mesh(vertices, faces)
+    first, _ = sample_triangles(*default.mesh, 10_000, torch.Generator().manual_seed(0))  # type: ignore[misc]
+    assert torch.equal(default.samples.points, first.points)
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [
@@ -204,6 +235,29 @@ def test_polygons_in_off_files_are_cut_into_fans(tmp_path: Path) -> None:
     path.write_text("OFF # a hexagonal prism\n12 8 18\n" + "\n".join(corners + sides + caps))
     report = tk.load(path).report()
     assert (report.euler, report.verdict) == (2, "certain")
+
+
+def test_obj_words_apart_by_tabs_and_lines_with_blanks_before_them(tmp_path: Path) -> None:
+    path = tmp_path / "indented.obj"
+    path.write_bytes(
+        b"# made by hand\r\n  v\t0 0 0\r\n\tv 1 0 0\r\nv 0 1 0\nv 0 0 1 # the top\n"
+        b"g one/two\nf 1/1 3/1 \\\r\n2/1\n f 1 2 4\nf\t1//7 4//7 3//7\nf 2 3 4\n"
+    )
+    report = tk.load(path).report()
+    assert (report.euler, report.verdict) == (2, "certain")
+
+
+def test_instances_of_a_scene_are_put_in_place(tmp_path: Path) -> None:
+    path = tmp_path / "scene.glb"
+    scene = trimesh.Scene(trimesh.Trimesh(*icosphere(1), process=False))
+    scene.export(path)
+    assert tk.load(path).report().per_component[0].bounds[1] == pytest.approx((1, 1, 1))
+    scene.apply_translation((5.0, 0, 0))
+    scene.export(path)
+    assert tk.load(path).report().per_component[0].bounds[1] == pytest.approx((6, 1, 1))
+    scene.add_geometry(trimesh.Trimesh(*torus_mesh(12, 8), process=False))
+    scene.export(path)
+    assert (tk.load(path).report().euler, tk.load(path).report().components) == (2, 2)
 
 
 def test_obj_seams_and_materials_do_not_split_the_mesh(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""open3d in and out, against the real one: the same shapes as by arrays, colours, attributes, and what is missing."""
+"""open3d in and out, against the real one: the same shapes as by arrays, colors, attributes, and what is missing."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ import pytest
 import torch
 
 import topokit as tk
-from topokit.adapters import open3d as adapter
+from topokit.adapters.open3d.adapter import from_open3d
 from topokit.errors import InputError, MissingDependencyError
+from topokit.export import open3d as export
+from topokit.export import to_open3d
 from topokit.export.colors import diverging_colors
-from topokit.export.open3d import to_open3d
 from topokit.testing import icosphere, sphere_samples, torus_mesh, torus_samples
 
 o3d: Any = pytest.importorskip("open3d", reason="open3d is not installed; make test installs it")
@@ -120,14 +121,14 @@ def test_voxels_lie_where_their_grid_lies() -> None:
     assert "26-connected foreground" in report.reasons[0]
     assert not any("border" in reason for reason in report.reasons)
     low, high = np.array(report.per_component[0].bounds)
-    centres = np.array([grid.get_voxel_center_coordinate(voxel.grid_index) for voxel in grid.get_voxels()])
-    np.testing.assert_allclose(low, centres.min(axis=0) - 0.125)
-    np.testing.assert_allclose(high, centres.max(axis=0) + 0.125)
+    centers = np.array([grid.get_voxel_center_coordinate(voxel.grid_index) for voxel in grid.get_voxels()])
+    np.testing.assert_allclose(low, centers.min(axis=0) - 0.125)
+    np.testing.assert_allclose(high, centers.max(axis=0) + 0.125)
     np.testing.assert_allclose(low, (-7.75, 3, 100))
     points = shape.samples.points.numpy()
     np.testing.assert_allclose(points.min(axis=0), low, atol=0.1)
     np.testing.assert_allclose(points.max(axis=0), high, atol=0.1)
-    assert shape.field.origin == pytest.approx((-7.75 - 0.125, 3 - 0.125, 100 - 0.125))
+    assert shape.field.grid.origin == pytest.approx((-7.75 - 0.125, 3 - 0.125, 100 - 0.125))
 
 
 def test_connectivity_of_voxels_can_be_chosen() -> None:
@@ -170,7 +171,7 @@ def test_open3d_waits_until_a_shape_is_handed_to_it() -> None:
 # Out
 
 
-def test_a_cloud_comes_back_with_normals_and_colours() -> None:
+def test_a_cloud_comes_back_with_normals_and_colors() -> None:
     shape = tk.load(legacy_cloud(TORUS.points, TORUS.normals))
     cloud = to_open3d(shape)
     assert type(cloud) is o3d.geometry.PointCloud
@@ -274,7 +275,7 @@ def test_the_example_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytes
         (o3d.geometry.VoxelGrid(), "the VoxelGrid has no voxels."),
         (
             o3d.geometry.PointCloud(),
-            "points has 0 points, too few for 20 neighbours each: give at least 21, or pass a smaller n_neighbors "
+            "points has 0 points, too few for 20 neighbors each: give at least 21, or pass a smaller n_neighbors "
             "(3 or more).",
         ),
         (
@@ -293,7 +294,7 @@ def test_empty_geometries_are_explained(geometry: Any, message: str) -> None:
 def test_other_geometries_are_explained() -> None:
     for geometry in (o3d.geometry.LineSet(), o3d.geometry.Image(np.zeros((2, 2), np.uint8))):
         with pytest.raises(InputError, match=f"^from_open3d got {type(geometry).__name__}; expected a PointCloud or"):
-            adapter.from_open3d(geometry)
+            from_open3d(geometry)
 
 
 def test_rotated_and_boundless_grids_are_explained() -> None:
@@ -314,7 +315,7 @@ def test_rotated_and_boundless_grids_are_explained() -> None:
     )
 
 
-def test_bad_colours_and_batches_are_explained() -> None:
+def test_bad_colors_and_batches_are_explained() -> None:
     with pytest.raises(InputError) as caught:
         to_open3d(tk.from_points(TORUS.points), "blue")  # type: ignore[arg-type]
     assert str(caught.value) == "color_by is 'blue'; expected 'gaussian', 'mean' or 'total'."
@@ -364,8 +365,8 @@ def test_all_libraries_that_are_missing_are_named_at_once(monkeypatch: pytest.Mo
     def no_library(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file: No such file or directory")
 
-    monkeypatch.setattr(adapter.ctypes, "CDLL", no_library)
-    assert adapter._what_is_missing("libEGL.so.1: cannot open shared object file: No such file or directory") == (
+    monkeypatch.setattr(export.ctypes, "CDLL", no_library)
+    assert export._what_is_missing("libEGL.so.1: cannot open shared object file: No such file or directory") == (
         "open3d is installed, but system libraries that it loads are missing: libEGL.so.1, libusb-1.0.so.0, "
         "libGL.so.1, libgomp.so.1. On Debian and Ubuntu: sudo apt-get install libegl1 libusb-1.0-0 libgl1 libgomp1."
     )
@@ -374,5 +375,5 @@ def test_all_libraries_that_are_missing_are_named_at_once(monkeypatch: pytest.Mo
 def test_the_libraries_are_those_that_make_test_installs() -> None:
     script = (ROOT / ".ci" / "system-libraries").read_text()
     assert dict(re.findall(r"^has (\S+) \|\| packages=\"\$packages (\S+)\"", script, re.MULTILINE)) == (
-        adapter._DEBIAN_PACKAGES
+        export._DEBIAN_PACKAGES
     )

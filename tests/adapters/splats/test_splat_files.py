@@ -31,7 +31,7 @@ def angles(first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
 
 
 def agree(splats: tk.GaussianSplats, scene: Scene, format_name: str) -> None:
-    """Means, scales, rotations and opacities agree with the scene within the format's quantisation."""
+    """Means, scales, rotations and opacities agree with the scene within the format's quantization."""
     side = np.ptp(scene.means, axis=0).max()
     assert len(splats) == len(scene.means)
     assert np.abs(splats.means.numpy() - scene.means).max() <= tolerance(MEANS, format_name) * side

@@ -109,7 +109,8 @@ def _bare_obj(path: Path) -> io.BytesIO:
     if b"\\" in content:
         content = re.sub(rb"\\\r?\n", b" ", content)  # continued lines
     lines = b"\n".join(line for line in map(bytes.strip, content.split(b"\n")) if line[:2] in (b"v ", b"f "))
-    return io.BytesIO(re.sub(rb"/\S*", b"", lines) if b"/" in lines else lines)
+    superfluous = rb"/\S*|#.*"
+    return io.BytesIO(re.sub(superfluous, b"", lines) if b"/" in lines or b"#" in lines else lines)
 
 
 def _file_type(path: Path, beginning: bytes) -> str:

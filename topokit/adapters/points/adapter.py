@@ -97,7 +97,7 @@ def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tup
         what = f"{n_dropped} of {len(points)} points are NaN or infinite"
         if 2 * n_dropped > len(points):
             raise InputError(
-                f"{what}. More than half of the cloud is invalid: pass the finite rows alone if you want them."
+                f"{what}. More than half of the cloud is invalid: keep the finite rows yourself to use them."
             )
         notes.append(f"{what} and were dropped.")
         points = points[finite]

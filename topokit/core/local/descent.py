@@ -93,8 +93,8 @@ class Descent:
         value, gradients = self._gradients(samples)
         value.requires_grad_()
         with torch.enable_grad():
-            loss = (value - self.goal).abs() + integrity_well(value)
-        (slope,) = torch.autograd.grad(loss.sum(), value)
+            loss = ((value - self.goal).abs() + integrity_well(value)).sum()
+        (slope,) = torch.autograd.grad(loss, value)
         moved = self.moved(samples, self._downhill(gradients, learning_rate * slope))
         return moved, self._detached_euler(moved)
 
@@ -141,7 +141,8 @@ class Descent:
         changes: Changes = {name: zero.requires_grad_() for name, zero in zeros.items()}
         with torch.enable_grad():
             value = self.euler(self.moved(samples, changes))
-        gradients = torch.autograd.grad(value.sum(), list(changes.values()))
+            total = value.sum()
+        gradients = torch.autograd.grad(total, list(changes.values()))
         return value.detach(), dict(zip(changes, gradients, strict=True))
 
     def _downhill(self, gradients: Changes, rate: Tensor) -> Changes:

@@ -1,7 +1,7 @@
 """What self-optimisation does to normals and curvature where both are known exactly: the tables of
-docs/self-optimisation.md.
+docs/self-optimization.md.
 
-    python benchmarks/self_optimisation.py
+    python benchmarks/self_optimization.py
 """
 
 from __future__ import annotations

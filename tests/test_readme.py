@@ -12,6 +12,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+import torch
 import typer
 
 import topokit as tk
@@ -19,6 +20,7 @@ from topokit.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PICTURES = ROOT / "docs" / "pictures"
 NAMES = README.partition("## Public names")[2].partition("\n## ")[0]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.md")])
 PROGRAMS = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
@@ -100,11 +102,25 @@ def test_the_page_of_thresholds_is_up_to_date() -> None:
 
 
 def test_the_renderer_of_the_overview_draws_what_is_nearest_to_the_eye(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(ROOT / "docs" / "pictures"))
-    surfels = module(ROOT / "docs" / "pictures" / "_surfels.py")
+    monkeypatch.syspath_prepend(str(PICTURES))
+    surfels = module(PICTURES / "_surfels.py")
     ball = np.random.default_rng(0).normal(size=(20_000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     red_above = np.where(ball[:, 2:] > 0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     seen = surfels.render(surfels.Surfels(ball, ball, red_above), (0.0, 0.01, 1.0), 40).astype(int)
     assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 255).all()
     assert (seen[10:30, 10:30, 0] > seen[10:30, 10:30, 2] + 60).all()
+
+
+def test_the_overview_shows_a_volume_and_its_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(PICTURES))
+    overview = module(PICTURES / "make_overview.py")
+    axis = torch.linspace(-1, 1, 16)
+    image, shape = overview.volume_panel(
+        "a ball", 0.7 - torch.cartesian_prod(axis, axis, axis).norm(dim=1).reshape(16, 16, 16)
+    )
+    assert image.shape == (overview.SIDE, overview.SIDE, 3)
+    middle = overview.SIDE // 2
+    assert image[middle, middle].min() < 255
+    assert str(shape.report()).startswith("a ball: Euler characteristic 2 (certain)")
+    assert (PICTURES / "overview.png").stat().st_size <= 200_000

@@ -65,10 +65,10 @@ def test_report_as_json(files: Path) -> None:
     found = run("report", "--json", files / "double.obj", files / "broken.ply", "-k", 15, "--samples", 2000)
     assert found.returncode == 1
     good, bad = json.loads(found.stdout)
-    assert (good["euler"], good["genus"], good["verdict"], good["betti"]) == (-2, 2, "certain", [1, 4, 1])
+    assert (good["euler"], good["genus"], good["verdict"], good["surface_betti"]) == (-2, 2, "certain", [1, 4, 1])
     assert good["evidence"][0]["name"] == "V − E + F"
     assert bad["file"].endswith("broken.ply")
-    assert "could not be read" in bad["error"]
+    assert "broken.ply has no complete .ply header" in bad["error"]
 
 
 def test_euler_and_genus_print_lines_for_machines(files: Path) -> None:
@@ -134,7 +134,7 @@ def test_usage_errors_exit_with_2(arguments: tuple[str, ...]) -> None:
 
 def test_seed_and_k_reach_the_core(files: Path) -> None:
     answers = [
-        json.loads(run("report", "--json", files / "double.obj", *options).stdout)[0]["estimate"]
+        json.loads(run("report", "--json", "--details", files / "double.obj", *options).stdout)[0]["estimate"]
         for options in ((), ("--seed", 0), ("--seed", 1), ("-k", 12), ("--samples", 3000))
     ]
     assert answers[0] == answers[1]

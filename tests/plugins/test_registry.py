@@ -449,7 +449,7 @@ def test_what_an_adapter_returns_or_raises(blob: Path, opener: Any, kind: type[E
 @pytest.mark.parametrize(
     "made",
     [
-        lambda: tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, ((-1, -1, -1), (1, 1, 1))),
+        lambda: tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, bounds=((-1, -1, -1), (1, 1, 1))),
         lambda: tk.from_occupancy(lambda x: (5 * (0.7 - x.norm(dim=1))).sigmoid(), bounds=((-1, -1, -1), (1, 1, 1))),
         lambda: tk.from_mesh(icosphere(1)),
         lambda: tk.from_points(POINTS),

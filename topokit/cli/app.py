@@ -52,11 +52,18 @@ def main(
 
 @app.command()
 @opens_files
-def report(files: Files, opener: Opener, as_json: Json = False) -> None:
+def report(
+    files: Files,
+    opener: Opener,
+    as_json: Json = False,
+    details: Annotated[
+        bool, typer.Option("--details", help="Also estimates from curvature; this takes longer.")
+    ] = False,
+) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
 
     def answer(path: Path) -> Answer:
-        found = opener(path).report()
+        found = opener(path).report(details=details)
         return found.to_dict(), f"{found}\n"
 
     answer_each(files, answer, as_json)

@@ -32,7 +32,7 @@ def washer() -> Tensor:
 
 
 def roughness(values: Tensor) -> Tensor:
-    """Mean square of the diskrete Laplacian, 0-d."""
+    """Mean square of the discrete Laplacian, 0-d."""
     inner = values[1:-1, 1:-1, 1:-1]
     around = values[2:, 1:-1, 1:-1] + values[:-2, 1:-1, 1:-1] + values[1:-1, 2:, 1:-1] + values[1:-1, :-2, 1:-1]
     return (around + values[1:-1, 1:-1, 2:] + values[1:-1, 1:-1, :-2] - 6 * inner).square().mean()

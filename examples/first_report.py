@@ -1,31 +1,35 @@
-"""Three questions to a mesh and a cloud that this script makes itself.
+"""The topology and curvature of a mesh and of a point cloud that this script makes itself.
 
 python examples/first_report.py
 """
 
 from __future__ import annotations
 
+import math
+
 import topokit as tk
 from topokit.testing import genus_mesh, torus_samples
 
 
 def main() -> None:
-    mesh = tk.from_mesh(genus_mesh(3))
-    print(mesh.report())
-    print(f"  its differentiable estimate: {float(mesh.euler()):.3f}\n")
+    mesh = tk.from_mesh(*genus_mesh(3))
+    report = mesh.report(details=True)
+    print(report)
+    print(f"  χ from curvature: {report.estimate:.3f}; after self-optimization: {report.refined:.3f}\n")
 
     points = torus_samples(10_000).points.requires_grad_()
     cloud = tk.from_points(points)
     print(cloud.report())
-
-    curvature = cloud.curvature()
+    curvature = cloud.oriented().curvature()
     smallest, largest = curvature.gaussian.min(), curvature.gaussian.max()
-    print(f"  Gaussian curvature between {float(smallest):.2f} and {float(largest):.2f}")
-    print(f"  area {float(curvature.area.sum()):.3f} (exactly {4 * 3.14159265**2 * 0.4:.3f})")
+    print(f"  Gaussian curvature from {smallest:.2f} to {largest:.2f} (exact: {-1 / 0.24:.2f} to {1 / 0.56:.2f})")
+    print(f"  area {curvature.area.sum():.3f} (exact: {1.6 * math.pi**2:.3f})\n")
 
-    cloud.euler().backward()
+    estimate, refined = cloud.euler(), cloud.refined_euler()
+    print(f"χ from curvature: {estimate:.3f}; after self-optimization: {refined:.3f}")
+    estimate.backward()
     assert points.grad is not None
-    print(f"  the estimate's gradient reaches the points: mean length {float(points.grad.norm(dim=1).mean()):.2e}")
+    print(f"mean length of the estimate's gradient at the points: {points.grad.norm(dim=1).mean():.2e}")
 
 
 if __name__ == "__main__":

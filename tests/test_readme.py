@@ -1,32 +1,126 @@
-"""The first code of the README and of the page on the topology loss runs and prints what it says."""
+"""The README and the generated pages agree with the code: programs run and print what is shown, lists are complete."""
 
 from __future__ import annotations
 
+import doctest
+import importlib.util
 import re
+import subprocess
+import sys
 from pathlib import Path
+from types import ModuleType
 
+import numpy as np
 import pytest
+import torch
+import typer
+
+import topokit as tk
+from topokit.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PICTURES = ROOT / "docs" / "pictures"
+NAMES = README.partition("## Public names")[2].partition("\n## ")[0]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.md")])
+PROGRAMS = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 
 
-def run_first_code(page: Path) -> None:
+def module(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = loaded
+    spec.loader.exec_module(loaded)
+    return loaded
+
+
+def test_every_program_of_the_readme_shows_its_output() -> None:
+    assert len(PROGRAMS) == README.count("```python") == 3
+
+
+@pytest.mark.parametrize(("program", "shown"), PROGRAMS, ids=["ten lines", "topology loss", "adapter"])
+def test_the_programs_of_the_readme_run_and_print_what_is_shown(program: str, shown: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-X", "utf8", "-c", program]
+    ran = subprocess.run(command, capture_output=True, cwd=tmp_path, text=True, encoding="utf-8")
+    assert ran.returncode == 0, ran.stderr
+    checker = doctest.OutputChecker()
+    flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    assert checker.check_output(shown, ran.stdout, flags), ran.stdout
+
+
+def test_the_first_program_of_the_topology_loss_closes_its_hole(capsys: pytest.CaptureFixture[str]) -> None:
+    page = ROOT / "docs" / "topology-loss.md"
     code = re.search(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     assert code is not None
     exec(compile(code.group(1), str(page), "exec"), {})
-
-
-def test_the_first_example_runs_and_prints_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
-    run_first_code(ROOT / "README.md")
-    printed = capsys.readouterr().out
-    for line in (
-        "mesh: Euler characteristic -4 (certain), genus 3, 1 component, closed",
-        "points: Euler characteristic 0 (likely), genus 1, 1 component, closed",
-        "\n1\n",
-    ):
-        assert line in printed
-
-
-def test_the_first_example_of_the_topology_loss_closes_its_hole(capsys: pytest.CaptureFixture[str]) -> None:
-    run_first_code(ROOT / "docs" / "topology-loss.md")
     assert "euler=2, components=1, tunnels=0, cavities=0" in capsys.readouterr().out
+
+
+def test_the_readme_lists_every_public_name_once() -> None:
+    in_first_column = re.findall(r"`([A-Za-z_]+)`", " ".join(re.findall(r"^\| ([^|]*) \|", NAMES, re.MULTILINE)))
+    assert sorted(in_first_column) == sorted(tk.__all__)
+
+
+def test_the_readme_lists_every_question_to_a_shape() -> None:
+    names = {*dir(tk.Shape), *(name for base in tk.Shape.__mro__ for name in vars(base).get("__annotations__", ()))}
+    assert {name for name in names if not name.startswith("_")} == set(re.findall(r"`\.([a-z_]+)", NAMES))
+
+
+def test_the_readme_lists_every_suffix() -> None:
+    listed = set(re.findall(r"(?<=[ `])\.[a-z0-9]+(?:\.gz)?(?=[ `])", README.partition("## What opens")[2]))
+    built_in = [adapter for adapter in tk.list_adapters() if "topokit" in str(adapter.opener)]
+    assert listed >= {suffix for adapter in built_in for suffix in adapter.suffixes}
+
+
+def test_the_commands_of_the_readme_exist() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    shell = README.partition("From the shell:")[2].partition("Results go to")[0]
+    lines = re.findall(r"^topokit (\S+) *(.*)$", shell, re.MULTILINE)
+    assert {name for name, _ in lines} == set(commands)
+    for name, rest in lines:
+        known = {flag for parameter in commands[name].params for flag in parameter.opts}
+        assert set(re.findall(r"(?<= )--?[a-z][a-z-]*", f" {rest}")) <= known, name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)]*))?\)", text):
+        linked = page.parent / target if target else page
+        assert linked.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", linked.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in [heading.lower().replace(" ", "-") for heading in headings]
+
+
+def test_the_page_of_thresholds_is_up_to_date() -> None:
+    generator = module(ROOT / "docs" / "make_thresholds.py")
+    shown = (ROOT / "docs" / "thresholds.md").read_text(encoding="utf-8")
+    assert shown == generator.page(), "run python docs/make_thresholds.py"
+
+
+def test_the_renderer_of_the_overview_draws_what_is_nearest_to_the_eye(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(PICTURES))
+    surfels = module(PICTURES / "_surfels.py")
+    ball = np.random.default_rng(0).normal(size=(20_000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    red_above = np.where(ball[:, 2:] > 0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    seen = surfels.render(surfels.Surfels(ball, ball, red_above), (0.0, 0.01, 1.0), 40).astype(int)
+    assert (seen[[0, 0, -1, -1], [0, -1, 0, -1]] == 255).all()
+    assert (seen[10:30, 10:30, 0] > seen[10:30, 10:30, 2] + 60).all()
+
+
+def test_the_overview_shows_a_volume_and_its_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(PICTURES))
+    overview = module(PICTURES / "make_overview.py")
+    axis = torch.linspace(-1, 1, 16)
+    image, shape = overview.volume_panel(
+        "a ball", 0.7 - torch.cartesian_prod(axis, axis, axis).norm(dim=1).reshape(16, 16, 16)
+    )
+    assert image.shape == (overview.SIDE, overview.SIDE, 3)
+    middle = overview.SIDE // 2
+    assert image[middle, middle].min() < 255
+    assert str(shape.report()).startswith("a ball: Euler characteristic 2 (certain)")
+    assert (PICTURES / "overview.png").stat().st_size <= 200_000

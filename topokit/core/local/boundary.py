@@ -38,9 +38,9 @@ def has_gap(tangent: Tensor) -> Tensor:
     Returns:
         (m,) bool. Not differentiable.
     """
-    turns = torch.arange(8, dtype=tangent.dtype, device=tangent.device) * (math.pi / 4)
+    turns = torch.arange(8, device=tangent.device) * (math.pi / 4)
     lengths = squared_norm(tangent).clamp(min=torch.finfo(tangent.dtype).tiny).sqrt()
-    along = (tangent / lengths[..., None]) @ torch.stack((turns.cos(), turns.sin()))  # (m, k, 8)
+    along = (tangent / lengths[..., None]).float() @ torch.stack((turns.cos(), turns.sin()))  # (m, k, 8)
     unclear = (along.amax(-2) < math.cos(math.radians(32))).any(-1).nonzero().squeeze(1)
     x, y = tangent[unclear].unbind(-1)
     angles = torch.atan2(y, x).sort(-1).values
@@ -150,10 +150,12 @@ def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacin
 
 
 def _clusters(positions: NDArray[np.float64], reach: float) -> list[NDArray[np.int64]]:
+    """Indices of the points of each cluster that is large enough for a loop."""
     pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(positions),) * 2)
     labels = connected_components(graph, directed=False)[1]
-    return [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+    large = np.flatnonzero(np.bincount(labels) >= _LEAST_LOOP)
+    return [np.flatnonzero(labels == label) for label in large]
 
 
 def _longest_path(positions: NDArray[np.float64], reach: float) -> NDArray[np.int64]:

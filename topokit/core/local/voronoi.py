@@ -135,9 +135,9 @@ def _walk(cells: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     here, here_x, here_y = start, start_x, start_y
     steps = []
     for _ in range(cells.shape[1]):
-        cross = here_x * y - here_y * x  # exactly 0 for a neighbor in the same or the opposite direction
+        cross = (here_x * y - here_y * x).clamp_(min=0)  # 0 on the right, and exactly 0 for parallel neighbors
         at = squared.addcmul(here_x, x, value=-1).addcmul_(here_y, y, value=-1)
-        at = at.div_(cross).masked_fill_(cross <= 0, torch.inf)
+        at = at.div_(cross).nan_to_num_(torch.inf, torch.inf, torch.inf)  # 0 below: no cut
         nearest, there = at.min(-1, keepdim=True)
         there_x, there_y = x.gather(1, there), y.gather(1, there)
         closes = (here_x * start_y > here_y * start_x) & (start_x * there_y >= start_y * there_x)

@@ -43,6 +43,21 @@ def test_smallest_eigenvector_has_the_derivative_of_perturbation_theory(generato
     assert gradcheck(signed, (matrix,))
 
 
+@pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
+@pytest.mark.parametrize("flatness", [1.0, 0.3, 1e-3, 0.0])
+def test_smallest_eigenvectors_are_those_of_lapack(
+    flatness: float, dtype: torch.dtype, generator: torch.Generator
+) -> None:
+    spread = torch.randn(5000, 20, 3, generator=generator, dtype=torch.float64) * torch.tensor([1, 1, flatness])
+    matrix = (spread.mT @ spread).to(dtype)
+    matrix = matrix / linalg.trace(matrix)[:, None, None]
+    values, vectors = torch.linalg.eigh(matrix)
+    found = linalg.smallest_eigenvector(matrix, spread[:, 0].to(dtype))
+    angle = torch.linalg.cross(found, vectors[..., 0], dim=-1).norm(dim=-1)
+    assert bool((angle * (values[:, 1] - values[:, 0]) < 20 * torch.finfo(dtype).eps).all())
+    torch.testing.assert_close(found.norm(dim=-1), torch.ones(5000, dtype=dtype))
+
+
 @pytest.mark.parametrize(
     "diagonal", [(1.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 2.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)]
 )

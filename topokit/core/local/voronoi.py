@@ -59,7 +59,9 @@ def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
     upper, lower = _cuts(cells.flatten(0, 1), squared.flatten(), first, second)
     owner = first.div(cells.shape[1], rounding_mode="floor")
     reach = squared.detach().amax(-1)
-    is_known = squared.detach().flatten()[first] * (0.25 + upper.detach().square()) <= reach[owner]
+    is_known = squared.detach().flatten().index_select(0, first) * (
+        0.25 + upper.detach().square()
+    ) <= reach.index_select(0, owner)
     is_open[owner[~is_known]] = True
     none = torch.zeros_like(squared).flatten()
     upper, lower = (none.scatter(0, edge, cut.where(is_known, 0)) for edge, cut in ((first, upper), (second, lower)))
@@ -82,12 +84,13 @@ def _cuts(tangent: Tensor, squared: Tensor, first: Tensor, second: Tensor) -> tu
     Returns:
         (V,) upper end of u's edge and (V,) lower end of v's; infinite where u and v are parallel.
     """
-    (ux, uy), (vx, vy) = tangent[first].unbind(-1), tangent[second].unbind(-1)
+    (ux, uy), (vx, vy) = (tangent.index_select(0, index).unbind(-1) for index in (first, second))
     twice_cross = 2 * (ux * vy - uy * vx)
     crosses = twice_cross != 0
     twice_cross = twice_cross.where(crosses, 1)
     product = ux * vx + uy * vy
-    upper, lower = (squared[second] - product) / twice_cross, (product - squared[first]) / twice_cross
+    upper = (squared.index_select(0, second) - product) / twice_cross
+    lower = (product - squared.index_select(0, first)) / twice_cross
     return upper.where(crosses, torch.inf), lower.where(crosses, -torch.inf)
 
 

@@ -153,6 +153,10 @@ def test_estimates_of_a_shape_are_what_their_names_say() -> None:
     assert abs(float(shape.euler()) - 2) > 0.01
     assert float(shape.refined_euler()) == pytest.approx(2, abs=1e-3)
     assert float(shape.refined_euler(1.5)) == pytest.approx(1.5, abs=1e-3)
+    for step in ("polyak", "gradient"):
+        with torch.no_grad():
+            quiet = shape.refined_euler(2, step=step, max_steps=3)
+        assert torch.equal(quiet, shape.refined_euler(2, step=step, max_steps=3).detach())
     with pytest.raises(InputError, match="has no field"):
         shape.smoothed_euler()
 

@@ -154,7 +154,7 @@ class Shape(ShapeData):
             tolerance=tolerance,
             neighbors=local.neighbors,
         )
-        refined = surface_curvature(corrected(oriented, refinement), settings, neighbors=local.neighbors)
+        refined = surface_curvature(corrected(oriented, refinement, local.area), settings, neighbors=local.neighbors)
         return euler_characteristic(refined.gaussian, refined.area) + boundary
 
     def smoothed_euler(self, tau: float | None = None) -> Tensor:
@@ -222,18 +222,22 @@ class Shape(ShapeData):
                 raise one.refusal
         return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
 
-    def to_trimesh(self) -> trimesh.Trimesh:
-        """The mesh as a `trimesh.Trimesh`, its vertices and faces as used for counting (nothing is merged).
+    def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
+        """The mesh as a `trimesh.Trimesh`; nothing is merged.
+
+        Args:
+            color_by: "gaussian", "mean" or "total" adds curvature as vertex colors and attributes (see
+                `topokit.export.to_trimesh`); None leaves the mesh bare.
 
         Raises:
             InputError: if the shape was not made from a mesh.
         """
         from topokit.export.trimesh import to_trimesh
 
-        return to_trimesh(self)
+        return to_trimesh(self, color_by)
 
     def save_ply(self, path: str | os.PathLike[str], color_by: Quantity = "gaussian") -> int:
-        """Write curvature as colors and scalar fields of a PLY file; see `topokit.export.ply.save_ply`."""
+        """Write curvature as colors and scalar fields of a PLY file; see `topokit.export.save_ply`."""
         from topokit.export.ply import save_ply
 
         return save_ply(self, path, color_by)

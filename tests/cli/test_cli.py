@@ -110,7 +110,7 @@ def test_curvature_of_a_cloud_keeps_its_points(files: Path, tmp_path: Path) -> N
 def test_a_folder_that_is_not_there_is_explained(files: Path, tmp_path: Path) -> None:
     found = run("curvature", files / "cloud.xyz", "-o", tmp_path / "no" / "out.ply")
     assert found.returncode == 1
-    assert "does not exist; make it first" in found.stderr
+    assert "does not exist: create it first" in found.stderr
 
 
 def test_curvature_does_not_write_over_what_it_reads_nor_ply_under_another_name(files: Path, tmp_path: Path) -> None:

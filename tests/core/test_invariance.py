@@ -78,7 +78,7 @@ def test_disjoint_union_adds(seed: int) -> None:
 
 
 def test_float32_with_an_offset_loses_only_what_its_coordinates_lost() -> None:
-    """Everything is computed from differences of neighbours: float32 is as good as its rounded coordinates are."""
+    """Everything is computed from differences of neighbors: float32 is as good as its rounded coordinates are."""
     moved = (TORUS.points + 1000).float()
     exact = euler(moved.double(), TORUS.normals)
     assert same(euler(moved, TORUS.normals.float()), exact, 1e-4)

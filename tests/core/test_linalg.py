@@ -37,7 +37,7 @@ def test_smallest_eigenvector_has_the_derivative_of_perturbation_theory(generato
 
     def signed(value: torch.Tensor) -> torch.Tensor:
         value = (value + value.mT) / 2
-        found = linalg.smallest_eigenvector(value, helper, relative=1e-9)
+        found = linalg.smallest_eigenvector(value, helper, least_gap=1e-9)
         return found * (found.detach() * reference).sum(-1, keepdim=True).sign()
 
     assert gradcheck(signed, (matrix,))

@@ -1,4 +1,4 @@
-"""Running per-point work in pieces, so that memory is bounded whether or not gradients are wanted."""
+"""Per-point work in blocks of rows, so that memory is bounded with and without gradients."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-CHUNK = 1 << 12  # rows per block: k × k temporaries stay small enough to be reused rather than mapped anew
+CHUNK = 1 << 12  # rows per block, so that temporaries of 20 neighbors stay in the cache
 
 
 def in_chunks(
@@ -16,8 +16,8 @@ def in_chunks(
 ) -> tuple[Tensor, ...]:
     """Concatenate `work(rows)` over consecutive blocks of row indices.
 
-    With gradients on and more than one block, the temporaries of a block are recomputed in the backward pass instead
-    of being kept, so what lives on between forward and backward is the results, not N × k temporaries.
+    If the first block needs gradients, the temporaries of all others are recomputed in the backward pass. What stays in
+    memory between forward and backward is the results, not N × k temporaries.
 
     Args:
         work: maps (m,) int64 row indices to a tuple of tensors whose first dimension is m.

@@ -58,7 +58,7 @@ def lift_smallest_eigenvalue(matrix: Tensor, floor: Tensor) -> Tensor:
     """Add the multiple of the identity that keeps a positive semi-definite 2×2 matrix invertible.
 
     Matrices whose det/tr (which lies between λ_min/2 and λ_min) is at least `floor` are returned unchanged, so
-    well-spread neighbourhoods are not biased.
+    well-spread neighborhoods are not biased.
 
     Args:
         matrix: (..., 2, 2), symmetric positive semi-definite up to rounding.
@@ -108,7 +108,8 @@ def eigenvectors(matrix: Tensor) -> Tensor:
 def tangent_basis(normals: Tensor, helper: Tensor) -> Tensor:
     """Right-handed orthonormal frames (t, t', n) whose t is the helper's tangential part.
 
-    The angle of t in its plane is a gauge; its tilt with n is not. So the helper is detached and the projection is not.
+    The angle of t within its plane is an arbitrary gauge, so the helper is detached; its tilt follows n, so the
+    projection is differentiated.
 
     Args:
         normals: (..., 3) unit vectors.
@@ -128,7 +129,13 @@ def tangent_basis(normals: Tensor, helper: Tensor) -> Tensor:
     return torch.stack((first, second, normals), dim=-2)
 
 
-def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3) -> Tensor:
+# Smallest gap between the two lowest eigenvalues of a covariance of trace 1 that the derivative tells from 0. At a
+# smaller one the two spreads differ by less than 3 % (√0.001) of the neighborhood's size: it has no tangent plane,
+# and the exact derivative, which grows as 1/gap, would outweigh that of all other points.
+LEAST_GAP = 1e-3
+
+
+def smallest_eigenvector(matrix: Tensor, helper: Tensor, least_gap: float = LEAST_GAP) -> Tensor:
     """Unit eigenvector to the smallest eigenvalue of symmetric 3×3 matrices, with a bounded derivative.
 
     The decomposition itself runs outside the graph. One Newton step on the eigenvector equation, zero in value,
@@ -138,7 +145,7 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3)
     Args:
         matrix: (..., 3, 3), symmetric; scaled so that its trace is about 1.
         helper: (..., 3), direction for the tangent gauge (see `tangent_basis`); the result does not depend on it.
-        relative: least gap to the other eigenvalues that the derivative sees, as a share of the trace.
+        least_gap: lower bound of the gap λᵢ − λ_min in the derivative, as a share of the trace.
 
     Returns:
         (..., 3). The sign is arbitrary but deterministic.
@@ -153,7 +160,7 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, relative: float = 1e-3)
     shifted = tangent @ fixed @ tangent.mT
     shifted = shifted - energy[..., None] * torch.eye(2, dtype=matrix.dtype, device=matrix.device)
     size = trace(fixed)
-    shifted = lift_smallest_eigenvalue(shifted, relative * size.where(size > 0, 1))
+    shifted = lift_smallest_eigenvalue(shifted, least_gap * size.where(size > 0, 1))
     inverse = adjugate(shifted) / determinant(shifted)[..., None, None]
     residual = (tangent @ matrix @ start.unsqueeze(-1)) - (tangent @ fixed @ start.unsqueeze(-1))
     step = tangent.mT @ (inverse @ residual)

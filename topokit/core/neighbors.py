@@ -1,4 +1,7 @@
-"""k nearest neighbours: indices only. Distances are recomputed in the graph by whoever needs them."""
+"""k nearest neighbors as indices, and the connected components of their graph.
+
+Distances are not returned: differentiable callers compute them from the points again.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +21,13 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
 
     Args:
         points: (..., N, 3), any float dtype and device. Batch items never see each other.
-        n_neighbors: k; the point itself does not count, its exact duplicates do.
+        n_neighbors: k; the point itself is not counted, its exact duplicates are.
 
     Returns:
         (..., N, k) int64 on the points' device, nearest first. Not differentiable (integers).
 
     Raises:
-        InputError: if there are not more points than neighbours.
+        InputError: if there are not more points than neighbors.
     """
     n_points = points.shape[-2]
     if n_neighbors < 3:
@@ -57,7 +60,7 @@ def merged_neighbors(neighbors: Tensor) -> Tensor:
 
 
 def neighbor_components(neighbors: Tensor) -> Tensor:
-    """Connected components of the neighbour graph, edges taken in both directions.
+    """Connected components of the neighbor graph, edges taken in both directions.
 
     Args:
         neighbors: (N, k) indices of one point list.

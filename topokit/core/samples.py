@@ -21,9 +21,9 @@ class SurfaceSamples:
         normals: (..., N, 3) or None (then estimated by local PCA). Need not be unit vectors; must not be zero.
         frames: (..., N, 3, 3) or None; rows t, t', n of an orthonormal moving frame. Takes precedence over `normals`.
         areas: (..., N) or None (then the tangent Voronoi areas), in squared units of length.
-        oriented: True if the signs of the normals are to be believed (pointing outward). If False, or if there are
-            no normals, neighboring normals are aligned with the center's before they are compared, so the Gaussian
-            curvature does not depend on the signs and the mean curvature's sign is meaningless.
+        oriented: True if the normals point outward. If False, or if there are no normals, neighboring normals are
+            aligned with the center's before they are compared: the Gaussian curvature does not depend on the signs,
+            and the sign of the mean curvature is arbitrary.
 
     Raises:
         InputError: on wrong shapes, types, devices or values that are not finite.

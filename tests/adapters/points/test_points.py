@@ -27,7 +27,10 @@ def write(path: Path, table: np.ndarray) -> None:
         case ".npy":
             np.save(path, table)
         case ".npz":
-            np.savez(path, points=table[:, :3], **({"normals": table[:, 3:]} if table.shape[1] == 6 else {}))
+            if table.shape[1] == 6:
+                np.savez(path, points=table[:, :3], normals=table[:, 3:])
+            else:
+                np.savez(path, points=table)
         case ".ply":
             header = "".join(f"property double {name}\n" for name in columns)
             start = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(table)}\n{header}end_header\n"
@@ -135,7 +138,7 @@ def test_batches_have_euler_but_no_single_report() -> None:
 )
 def test_bad_points_are_explained(points: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        tk.from_points(points)  # type: ignore[arg-type]
+        tk.from_points(points)
 
 
 def test_normals_of_another_shape_are_explained() -> None:

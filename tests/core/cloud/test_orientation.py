@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
@@ -55,7 +57,7 @@ def box() -> Cloud:
 
 
 @pytest.mark.parametrize("make", [sphere, torus, nested_spheres, linked_tori, box])
-def test_unoriented_clouds_are_oriented(make: type) -> None:
+def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud]) -> None:
     points, normals = make()
     found = orient_samples(points, local_geometry(points))
     assert ((found.normals * normals).sum(1) > 0).mean() >= 0.99
@@ -118,7 +120,7 @@ def test_planes_in_blocks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("make", [sphere, torus])
-def test_given_normals_are_judged(make: type) -> None:
+def test_given_normals_are_judged(make: Callable[[], Cloud]) -> None:
     points, normals = make()
     local = local_geometry(points)
     complex_ = delaunay_complex(points, local.spacing)

@@ -47,7 +47,7 @@ def test_sphere_with_exact_normals_is_exact(radius: float) -> None:
 @pytest.mark.parametrize("make", [ellipsoid_samples, torus_samples])
 @pytest.mark.parametrize("solver", ["sylvester", "symmetrized"])
 def test_error_with_exact_normals_falls_with_first_order(make: type, solver: str) -> None:
-    """Random neighbourhoods are lopsided, so what the linear fit leaves out enters with h, not h²."""
+    """Random neighborhoods are lopsided, so what the linear fit leaves out enters with h, not h²."""
     sizes, gaussian, mean = [2000, 8000, 32_000], [], []
     for n in sizes:
         known = make(n)
@@ -129,7 +129,7 @@ def test_normals_of_pca_are_those_of_open3d() -> None:
     cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(21))
     ours = measure(known, with_normals=False).normals
     theirs = torch.from_numpy(np.asarray(cloud.normals).copy())
-    # open3d counts the point itself among its neighbours: the same up to that.
+    # open3d counts the point itself among its neighbors: the same up to that.
     assert float((ours * theirs).sum(-1).abs().quantile(0.01)) > 0.999
 
 

@@ -1,16 +1,22 @@
-"""Self-optimisation: the well, the steps, what they reach and what they leave alone."""
+"""Self-optimization: the integrity well, both kinds of steps, what they reach and what they do not change."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 import torch
 from torch.autograd import gradcheck
 
 import topokit as tk
-from topokit.core.local.self_optimization import Refinement, corrected, integrity_well, self_optimize
+from topokit.core.local.curvature import CurvatureSettings, surface_curvature
+from topokit.core.local.descent import Variable, integrity_well
+from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.local.self_optimization import Outcome, Refinement, corrected, self_optimize
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-from topokit.testing import sphere_samples, torus_samples
+from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, torus_samples
 
 TORUS = torus_samples(3000)
 PLAIN = SurfaceSamples(TORUS.points)
@@ -29,6 +35,8 @@ def test_polyak_reaches_any_target_in_a_few_steps(target: float) -> None:
     assert found.converged
     assert found.steps <= 5
     assert abs(float(found.history[-1]) - target) < 1e-4
+    assert found.outcome is Outcome.REACHED
+    assert found.error == abs(float(found.history[-1]) - target)
     assert found.reason.startswith("Reached the target")
     assert 0 < found.mean_turn < 0.2
 
@@ -38,28 +46,62 @@ def test_without_a_target_the_nearest_even_integer_is_taken() -> None:
     assert float(self_optimize(SurfaceSamples(sphere_samples(2000).points)).target) == 2
 
 
-def test_plain_gradient_descent_of_the_paper_goes_the_same_way_slowly() -> None:
-    start = self_optimize(PLAIN, 0.0, max_steps=0)
-    found = self_optimize(PLAIN, 0.0, step="gradient", learning_rate=1e-3, max_steps=15, tolerance=1e-2)
-    assert abs(float(found.history[-1])) < abs(float(start.history[0]))
+@pytest.mark.parametrize(("make", "target"), [(sphere_samples, 2.0), (torus_samples, 0.0), (ellipsoid_samples, 2.0)])
+def test_plain_descent_of_the_paper_reaches_the_target(make: Callable[[int], AnalyticSamples], target: float) -> None:
+    found = self_optimize(SurfaceSamples(make(1000).points), target, step="gradient", tolerance=5e-3)
+    assert abs(float(found.history[0]) - target) > 0.05
+    assert found.converged
+    assert found.error < 5e-3
+    assert 20 < found.steps < 200
+    assert found.mean_turn < 0.02
+
+
+def test_plain_descent_stays_in_the_well_next_to_its_start() -> None:
+    """Between the start, 0.21, and the target −4 lies the hill of w_int at −1, steeper than |χ − χ*| is."""
+    found = self_optimize(SurfaceSamples(torus_samples(500).points), -4.0, step="gradient", max_steps=40)
+    assert not found.converged
+    assert float(found.history.min()) > -1
 
 
 @pytest.mark.parametrize("over", [("points",), ("areas",), ("normals", "points", "areas")])
-def test_points_and_areas_can_be_refined_too(over: tuple[str, ...]) -> None:
-    found = self_optimize(PLAIN, 0.0, over=over)  # type: ignore[arg-type]
+def test_points_and_areas_can_be_refined_too(over: tuple[Variable, ...]) -> None:
+    found = self_optimize(PLAIN, 0.0, over=over)
     assert found.converged
     assert set(found.corrections) == set(over)
     moved = (found.samples.points - TORUS.points).norm(dim=-1)
+    spacing = (TORUS.area / 3000) ** 0.5
     assert (float(moved.max()) > 0) == ("points" in over)
+    assert float(moved.mean()) < 0.2 * spacing
     if "areas" in over:
         assert found.samples.areas is not None
-        assert float(found.samples.areas.min()) >= 0
+        assert float((found.corrections["areas"] - 1).abs().max()) < 0.5
+        assert float(found.samples.areas.sum()) == pytest.approx(TORUS.area, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        CurvatureSettings(n_neighbors=10),
+        CurvatureSettings(solver="plain"),
+        CurvatureSettings(solver="symmetrized"),
+        CurvatureSettings(area_method="monte-carlo", area_resolution=16),
+    ],
+)
+def test_every_setting_is_used(settings: CurvatureSettings) -> None:
+    start = SurfaceSamples(TORUS.points[:800])
+    local = surface_curvature(start, settings)
+    found = self_optimize(start, 0.0, settings=settings)
+    torch.testing.assert_close(found.history[0], euler_characteristic(local.gaussian, local.area))
+    assert found.converged
+    after = surface_curvature(found.samples, settings, neighbors=local.neighbors)
+    assert abs(float(euler_characteristic(after.gaussian, after.area))) < 1e-3
 
 
 def test_corrections_reproduce_the_refined_samples() -> None:
     start = SurfaceSamples(TORUS.points, TORUS.normals)
     found = self_optimize(start, -1.0)
-    again = corrected(start, found)
+    again = corrected(start, found, areas=torch.zeros(3000))
+    assert again.areas is None
     assert again.normals is not None
     torch.testing.assert_close(again.normals, found.samples.normals, atol=1e-12, rtol=0)
 
@@ -81,6 +123,7 @@ def test_nothing_moves_when_there_is_nothing_to_do() -> None:
 
 def test_a_target_out_of_reach_is_said() -> None:
     found = self_optimize(PLAIN, -500.0, max_steps=2)
+    assert found.outcome is Outcome.OUT_OF_STEPS
     assert not found.converged
     assert found.reason.startswith("Stopped after 2 steps, still")
 
@@ -90,30 +133,41 @@ def test_a_target_out_of_reach_is_said() -> None:
     [
         ({"over": ("weights",)}, "over must name some of"),
         ({"over": ()}, "over must"),
-        ({"step": "newton"}, "'newton' is not"),
+        ({"step": "newton"}, "'newton' is unknown"),
     ],
 )
-def test_unknown_options_are_named(options: dict, message: str) -> None:
+def test_unknown_options_are_named(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         self_optimize(PLAIN, **options)
 
 
-def test_euler_is_the_refined_value_with_the_formulas_gradient() -> None:
+def test_refined_euler_meets_the_target_with_the_gradient_of_the_plain_sum() -> None:
     points = TORUS.points.clone().requires_grad_()
     shape = tk.from_points(points, TORUS.normals)
-    plain, refined = shape.euler(), shape.euler()
-    assert abs(float(refined.detach())) < 1e-3
-    assert abs(float(plain.detach())) < 0.2
+    plain, refined = shape.euler(), shape.refined_euler(0.0, tolerance=1e-5)
+    assert abs(float(refined.detach())) < 1e-5
+    assert 1e-4 < abs(float(plain.detach())) < 0.2
     (with_refined,) = torch.autograd.grad(refined, points)
     (without,) = torch.autograd.grad(plain, points)
     cosine = torch.nn.functional.cosine_similarity(with_refined.ravel(), without.ravel(), dim=0)
     assert float(cosine) > 0.9
-    assert abs(float(shape.euler(target=-4.0)) + 4) < 1e-3
+    assert abs(float(shape.refined_euler(-4.0)) + 4) < 1e-3
+
+
+def test_every_option_of_refined_euler_reaches_the_optimization() -> None:
+    shape = tk.from_points(torus_samples(800).points)
+    assert abs(float(shape.refined_euler(0.0, step="gradient", tolerance=1e-2))) < 1e-2
+    assert float(shape.refined_euler(0.0, max_steps=0)) == pytest.approx(float(shape.euler()))
+    few, slow = (shape.refined_euler(0.0, step="gradient", max_steps=5, learning_rate=rate) for rate in (0.02, 1e-4))
+    assert abs(float(few)) < abs(float(slow)) - 0.01
+    for options in ({"over": ("areas",)}, {"over": ("points",)}, {"solver": "plain"}, {"area_method": "monte-carlo"}):
+        assert abs(float(shape.refined_euler(0.0, **options))) < 1e-3, options  # type: ignore[arg-type]
+    assert abs(float(shape.refined_euler(0.0, 9))) < 1e-3
 
 
 def test_unoriented_clouds_are_refined_to_the_witness() -> None:
     points = torus_samples(4000).points.requires_grad_()
-    value = tk.from_points(points).euler()
+    value = tk.from_points(points).refined_euler()
     assert abs(float(value.detach())) < 1e-3
     value.backward()
     assert points.grad is not None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal, get_args
 
@@ -93,8 +93,8 @@ def self_optimize(
         over: what may change: normals (and with them the moving frames), points, areas.
         step: "polyak" moves by (χ − χ*) ∇χ/|∇χ|², which solves a linear problem in one step. "gradient" is the paper's
             descent of |χ − χ*| + w_int(χ); beyond the nearest even integer the wells in between hold it back.
-        learning_rate: of "gradient". Larger rates are faster and stop farther from the target, at about
-            rate · |∇χ|².
+        learning_rate: of "gradient", by default for normals alone. Larger rates are faster and stop farther from the
+            target, at about rate · |∇χ|². Areas alone need up to N times the rate, because their |∇χ|² falls as 1/N.
         max_steps: largest number of steps; by default 20 for "polyak", 500 (as in the paper) for "gradient".
         tolerance: |χ − χ*| at which to stop.
         neighbors: (..., N, k) indices if they are known; they stay fixed throughout.
@@ -133,21 +133,20 @@ def self_optimize(
     return Refinement(found, corrections, torch.stack(history), goal, error, outcome, _mean_turn(start, found))
 
 
-def corrected(samples: SurfaceSamples, refinement: Refinement) -> SurfaceSamples:
+def corrected(samples: SurfaceSamples, refinement: Refinement, areas: Tensor) -> SurfaceSamples:
     """Samples with the corrections of an earlier refinement added as constants, differentiable in `samples`.
 
     Args:
         samples: with normals, as many as were refined.
         refinement: what `self_optimize` returned for them.
+        areas: (..., N) areas of the samples, which the correction of the areas, if there is one, multiplies.
     """
-    changes = refinement.corrections
-    normals, areas = samples.normals, samples.areas
+    changes, normals = refinement.corrections, samples.normals
     if normals is not None and "normals" in changes:
         normals = normalize(normalize(normals) + changes["normals"])
-    if areas is not None and "areas" in changes:
-        areas = areas * changes["areas"]
+    factors = changes.get("areas")
     points = samples.points + changes["points"] if "points" in changes else samples.points
-    return SurfaceSamples(points, normals, areas=areas, oriented=samples.oriented)
+    return replace(samples, points=points, normals=normals, areas=samples.areas if factors is None else areas * factors)
 
 
 def _start(

@@ -14,16 +14,16 @@ AreaMethod = Literal["exact", "monte-carlo"]
 
 
 def cell_areas(tangent: Tensor, method: AreaMethod = "exact", resolution: int = 32) -> tuple[Tensor, Tensor]:
-    """Area of the origin's Voronoi cell among its projected neighbours, and whether the cell is open.
+    """Area of the origin's Voronoi cell among its projected neighbors, and whether the cell is open.
 
     Args:
-        tangent: (..., k, 2), neighbours in the tangent plane of the centre, which is the origin.
+        tangent: (..., k, 2), neighbors in the tangent plane of the center, which is the origin.
         method: "exact" or "monte-carlo".
         resolution: W, points per side of the Monte Carlo grid; "exact" does not use it.
 
     Returns:
         areas (...,) in squared units of length, and is_open (...,) bool: True where some side of the point has no
-        neighbour, as on the boundary of a surface.
+        neighbor, as on the boundary of a surface.
 
     Raises:
         InputError: for an unknown method.
@@ -157,10 +157,10 @@ def _walk(cells: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def monte_carlo_cell_areas(tangent: Tensor, resolution: int = 32) -> Tensor:
-    """The paper's Monte Carlo area: share of a W × W grid that is nearer to the origin than to any neighbour.
+    """The paper's Monte Carlo area: share of a W × W grid that is nearer to the origin than to any neighbor.
 
-    The grid covers the axis-aligned square around the origin that holds all neighbours, enlarged by 1.1. Cells that
-    the neighbourhood does not close are cut by that square only.
+    The grid covers the axis-aligned square around the origin that holds all neighbors, enlarged by 1.1. Cells that
+    the neighborhood does not close are cut by that square only.
 
     Args:
         tangent: (..., k, 2).

@@ -88,7 +88,7 @@ def _from_gzip(path: Path, content: bytes) -> SplatTable:
 
 
 def _drain(path: Path, unzip: zlib._Decompress, harmonics: int) -> None:
-    """Unzip to the end without keeping anything, for the sake of the checksum."""
+    """Decompress to the end without keeping the data, so that the checksum is verified."""
     rest = 0
     while not unzip.eof:
         step = unzip.decompress(unzip.unconsumed_tail, _STEP)

@@ -1,21 +1,34 @@
-"""Shapes with known curvature and topology, and what adapters are tested by; for whoever writes one."""
+"""Shapes with known curvature and topology, and the conformance tests for adapters."""
 
 from topokit.testing.conformance import AdapterConformance
-from topokit.testing.meshes import genus_mesh, icosphere, torus_mesh
+from topokit.testing.meshes import genus_mesh, icosphere, joined, linked_tori_mesh, shell_mesh, torus_mesh
+from topokit.testing.open_surfaces import cylinder_samples, hemisphere_samples, plate_samples
 from topokit.testing.surfaces import (
     AnalyticSamples,
     ellipsoid_samples,
+    linked_tori_samples,
+    shell_samples,
     sphere_samples,
     torus_samples,
+    union,
 )
 
 __all__ = [
     "AdapterConformance",
     "AnalyticSamples",
+    "cylinder_samples",
     "ellipsoid_samples",
     "genus_mesh",
+    "hemisphere_samples",
     "icosphere",
+    "joined",
+    "linked_tori_mesh",
+    "linked_tori_samples",
+    "plate_samples",
+    "shell_mesh",
+    "shell_samples",
     "sphere_samples",
     "torus_mesh",
     "torus_samples",
+    "union",
 ]

@@ -35,6 +35,26 @@ def torus_mesh(n_around: int = 60, n_tube: int = 30, major: float = 1.0, minor: 
     return vertices, np.concatenate((np.stack((a, b, c), axis=1), np.stack((a, c, d), axis=1)))
 
 
+def shell_mesh(subdivisions: int = 3, radius: float = 1.0, thickness: float = 0.1) -> Mesh:
+    """Both sides of a hollow ball, χ = 4: a sphere and, facing inward, a smaller one."""
+    vertices, faces = icosphere(subdivisions, radius)
+    return joined((vertices, faces), (vertices * (radius - thickness) / radius, faces[:, ::-1]))
+
+
+def linked_tori_mesh(n_around: int = 60, n_tube: int = 30, major: float = 1.0, minor: float = 0.25) -> Mesh:
+    """Two tori linked like the rings of a chain, χ = 0."""
+    vertices, faces = torus_mesh(n_around, n_tube, major, minor)
+    upright = vertices[:, [0, 2, 1]] * (1, -1, 1) + (major, 0, 0)
+    return joined((vertices, faces), (upright, faces))
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """Several meshes as one; nothing is merged."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in meshes])
+    faces = [own + start for (_, own), start in zip(meshes, starts[:-1], strict=True)]
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(faces)
+
+
 def genus_mesh(genus: int, resolution: int = 24) -> Mesh:
     """A smooth bar with `genus` holes in a row, χ = 2 − 2·genus: the level set of a product of circles.
 

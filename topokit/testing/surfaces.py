@@ -1,9 +1,9 @@
-"""Analytic surfaces: uniformly distributed points with exact normals and curvatures."""
+"""Analytic closed surfaces: uniformly distributed points with exact normals, curvatures and χ."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -81,6 +81,46 @@ def torus_samples(
     gaussian = tube.cos() / (minor * distance)
     mean = (1 / minor + tube.cos() / distance) / 2
     return AnalyticSamples(points, normals, gaussian, mean, 4 * math.pi**2 * major * minor, 0)
+
+
+def shell_samples(
+    n_points: int, radius: float = 1.0, thickness: float = 0.1, generator: torch.Generator | None = None
+) -> AnalyticSamples:
+    """Independent uniform samples of both sides of a hollow ball: χ = 4, a sphere and a cavity.
+
+    The normals of the inner sphere point towards the center, out of the solid, so its H is negative.
+    """
+    inner_radius = radius - thickness
+    inner_share = inner_radius**2 / (radius**2 + inner_radius**2)
+    n_inner = round(n_points * inner_share)
+    generator = generator or torch.Generator().manual_seed(0)
+    outer = sphere_samples(n_points - n_inner, radius, generator)
+    inner = sphere_samples(n_inner, inner_radius, generator)
+    return union(outer, replace(inner, normals=-inner.normals, mean=-inner.mean))
+
+
+def linked_tori_samples(
+    n_points: int, major: float = 1.0, minor: float = 0.25, generator: torch.Generator | None = None
+) -> AnalyticSamples:
+    """Independent uniform samples of two tori linked like the rings of a chain: χ = 0, two components of genus 1."""
+    generator = generator or torch.Generator().manual_seed(0)
+    first = torus_samples(n_points - n_points // 2, major, minor, generator)
+    second = torus_samples(n_points // 2, major, minor, generator)
+    upright = [values[:, [0, 2, 1]] * values.new_tensor((1, -1, 1)) for values in (second.points, second.normals)]
+    aside = first.points.new_tensor((major, 0, 0))
+    return union(first, replace(second, points=upright[0] + aside, normals=upright[1]))
+
+
+def union(*parts: AnalyticSamples) -> AnalyticSamples:
+    """Several surfaces that do not meet as one; area and χ are the sums."""
+    return AnalyticSamples(
+        points=torch.cat([part.points for part in parts]),
+        normals=torch.cat([part.normals for part in parts]),
+        gaussian=torch.cat([part.gaussian for part in parts]),
+        mean=torch.cat([part.mean for part in parts]),
+        area=sum(part.area for part in parts),
+        euler=sum(part.euler for part in parts),
+    )
 
 
 def _directions(n_points: int, generator: torch.Generator | None) -> Tensor:

@@ -244,12 +244,12 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
     [
         (
             trimesh.PointCloud(np.zeros((9, 3))),
-            "from_mesh got PointCloud; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got PointCloud; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (
             np.zeros((9, 3)),
-            "from_mesh got ndarray; expected a path, a pair (vertices, faces), a mesh of trimesh or open3d, or "
+            "from_mesh got ndarray; expected a path, vertices and faces, a mesh of trimesh or open3d, or "
             "anything else with vertices and faces. For points use topokit.from_points.",
         ),
         (trimesh.Scene(), "the mesh has no faces; for points alone use topokit.from_points."),

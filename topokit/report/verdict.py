@@ -57,8 +57,8 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.05,
             "share of samples",
             "samples with neighbors on one side only, at most",
-            "46 closed real meshes, 10 000 random points: at most 0.083 (plain) and 0.034 (0.5 % noise), 0.005 on smooth "
-            "ones; scan lines on a sphere exceed it",
+            "46 closed real meshes, 10 000 random points: at most 0.083 (plain) and 0.034 (0.5 % noise), 0.005 on "
+            "smooth ones; scan lines on a sphere exceed it",
         ),
         "open_length": Threshold(
             60,

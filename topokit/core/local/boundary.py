@@ -9,11 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.chunks import in_chunks
+from topokit.core.labels import connected_labels
 from topokit.core.linalg import normalize, squared_norm, tangent_basis
 from topokit.core.local.curvature import neighbor_offsets, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
@@ -151,8 +152,7 @@ def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacin
 
 def _clusters(positions: NDArray[np.float64], reach: float) -> list[NDArray[np.int64]]:
     pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(positions),) * 2)
-    labels = connected_components(graph, directed=False)[1]
+    labels = connected_labels(len(positions), pairs[:, 0], pairs[:, 1])
     return [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
 
 

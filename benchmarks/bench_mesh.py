@@ -4,7 +4,8 @@
 
 Limits: at most 3 × trimesh for STL, OBJ and PLY files of 10 000 to 2 000 000 faces, with shared vertices and as loose
 triangles that close, and for 1 000 000 loose triangles that do not; at most 10 × for a thousand tiny STL files; time
-grows with the number of faces as trimesh's does. Times are CPU seconds of the process over all threads, medians of three.
+grows with the number of faces as trimesh's does. Times are CPU seconds of the process over all threads, medians of
+three.
 Both sides take the same question to its integer; topokit's includes components, nesting, orientation and boundaries.
 """
 

@@ -1,7 +1,8 @@
-"""What self-optimisation does to normals and curvature where both are known exactly: the tables of
-docs/self-optimization.md.
+"""The effect of self-optimization on normals and curvature where both are known.
 
-    python benchmarks/self_optimization.py
+Writes the table of docs/self-optimization.md:
+
+python benchmarks/self_optimization.py
 """
 
 from __future__ import annotations

@@ -226,21 +226,21 @@ def test_a_network_with_the_right_topology_is_not_called_with_an_empty_tensor() 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
 def test_voxels_keep_their_level_and_connectivity(connectivity: int) -> None:
-    grey = (100 + 50 * LINKS + torch.where(P[..., 0] > 0.9, 100 * (P.sum(-1) * 19).sin(), 0)).requires_grad_()
-    shape = tk.from_voxels(grey, level=100.0, connectivity=connectivity)
+    gray = (100 + 50 * LINKS + torch.where(P[..., 0] > 0.9, 100 * (P.sum(-1) * 19).sin(), 0)).requires_grad_()
+    shape = tk.from_voxels(gray, level=100.0, connectivity=connectivity)
     pairs = [
-        (tk.topology_loss(shape, 2, 1.0), tk.topology_loss(grey, 2, 1.0, level=100.0)),
+        (tk.topology_loss(shape, 2, 1.0), tk.topology_loss(gray, 2, 1.0, level=100.0)),
         (
             tk.euler_loss(shape, -2.0, 1.0),
-            tk.euler_loss(grey, -2.0, 1.0, level=100.0, connectivity=connectivity),
+            tk.euler_loss(gray, -2.0, 1.0, level=100.0, connectivity=connectivity),
         ),
     ]
     for loss, plain in pairs:
         torch.testing.assert_close(loss, plain)
-        (gradient,) = torch.autograd.grad(loss, grey)
+        (gradient,) = torch.autograd.grad(loss, gray)
         assert gradient.isfinite().all()
         assert gradient.abs().max() > 0
-    other = tk.euler_loss(grey, -2.0, 1.0, level=100.0, connectivity=32 - connectivity)
+    other = tk.euler_loss(gray, -2.0, 1.0, level=100.0, connectivity=32 - connectivity)
     assert not torch.isclose(pairs[1][0], other)  # so the connectivity does matter here
 
 

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from torch import Tensor
 
+from topokit.core.local.curvature import Curvature
+from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-
-if TYPE_CHECKING:
-    from topokit.shape import Shape
 
 Floats = NDArray[np.float64]
 Quantity = Literal["gaussian", "mean", "total"]
 _NEAREST = 6  # samples from which the value at a mesh vertex is interpolated
+
+
+class Exportable(Protocol):
+    """What exports need: a `topokit.Shape`."""
+
+    name: str
+    mesh: tuple[Tensor, Tensor] | None
+
+    @property
+    def samples(self) -> SurfaceSamples: ...
+
+    def curvature(self) -> Curvature: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +51,7 @@ class ColoredSurface:
     faces: NDArray[np.int64] | None
 
 
-def colored_surface(shape: Shape, color_by: Quantity = "gaussian") -> ColoredSurface:
+def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> ColoredSurface:
     """Curvature of a shape at its vertices if it has a mesh, else at its samples.
 
     A vertex has the distance-weighted mean of its nearest samples. Blue is negative, white zero, red positive; the

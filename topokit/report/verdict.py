@@ -56,8 +56,9 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         "rim": Threshold(
             0.05,
             "share of samples",
-            "samples with neighbors on one side only, at most; closed surfaces sampled at random stay below 0.01",
-            _ANALYTIC + "; scan lines on a sphere exceed it",
+            "samples with neighbors on one side only, at most",
+            "46 closed real meshes, 10 000 random points: at most 0.083 (plain) and 0.034 (0.5 % noise), 0.005 on "
+            "smooth ones; scan lines on a sphere exceed it",
         ),
         "open_length": Threshold(
             60,
@@ -72,7 +73,8 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.04,
             "share of area",
             "area of a closed mesh off the solid it encloses from which it is reported to overlap itself",
-            "largest value among 48 closed meshes without self-intersections, rounded up",
+            "closed real meshes: at most 0.008 without self-intersections and 0.024 with few; 0.093 with walls thinner "
+            "than the grid, 0.24 for two overlapping spheres",
         ),
     }
 )

@@ -388,7 +388,7 @@ def test_field_euler_is_that_of_the_whole_grid() -> None:
 
 
 def test_gauss_bonnet_gradient_against_differences_of_the_same_feet() -> None:
-    """χ⁽⁰⁾ with every sample moved along its own normal to the zero of the changed network, neighbours unchanged."""
+    """χ⁽⁰⁾ with every sample moved along its own normal to the zero of the changed network, neighbors unchanged."""
     net = network(nn.Softplus(10))
     shape = tk.from_sdf(net, bounds=BOX, n_samples=600)
     weight = net.inner[0].weight

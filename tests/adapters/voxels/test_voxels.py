@@ -15,7 +15,7 @@ import topokit as tk
 
 
 def torus_volume(shape: tuple[int, int, int] = (48, 48, 24)) -> torch.Tensor:
-    """Grey values, positive inside, over [−1, 1]² × [−½, ½]."""
+    """Gray values, positive inside, over [−1, 1]² × [−½, ½]."""
     axes = [torch.linspace(-side, side, n, dtype=torch.float64) for side, n in zip((1, 1, 0.5), shape, strict=True)]
     x, y, z = torch.meshgrid(*axes, indexing="ij")
     return 0.25 - torch.hypot(torch.hypot(x, y) - 0.6, z)

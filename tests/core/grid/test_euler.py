@@ -128,17 +128,17 @@ def test_more_than_255_layers_of_ones() -> None:
 )
 def test_dtypes_devices_batches_and_layouts(dtype: str, device: str, connectivity: int) -> None:
     torch.manual_seed(1)
-    grey = torch.randint(0, 4, (2, 3, 9, 8, 7))
+    gray = torch.randint(0, 4, (2, 3, 9, 8, 7))
     level = 0 if dtype == "bool" else 1.5
-    expected = [[skimage_euler(volume > level, connectivity) for volume in row] for row in grey]
-    field = grey.to(getattr(torch, dtype)).to(device)
+    expected = [[skimage_euler(volume > level, connectivity) for volume in row] for row in gray]
+    field = gray.to(getattr(torch, dtype)).to(device)
     answer = solid_euler(field, level, connectivity)
     assert answer.device == field.device
     assert answer.tolist() == expected
     b0, b1, b2 = betti_numbers(field, level, connectivity).unbind(-1)
     assert (b0 - b1 + b2).tolist() == expected
     index = critical_index(field, connectivity)
-    assert ((grey.to(device) > level) * index.long()).sum((-3, -2, -1)).tolist() == expected
+    assert ((gray.to(device) > level) * index.long()).sum((-3, -2, -1)).tolist() == expected
     strided = field.movedim(-1, -3).contiguous().movedim(-3, -1)
     assert torch.equal(solid_euler(strided, level, connectivity), answer)
     assert torch.equal(critical_index(strided, connectivity), index)

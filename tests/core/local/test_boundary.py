@@ -1,4 +1,4 @@
-"""Open surfaces: found, located, and their Euler characteristic with the boundary's turning."""
+"""Open surfaces: detection and location of the boundary, and the Euler characteristic with its turning."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_open_surfaces(name: str, with_normals: bool) -> None:
     assert abs(float(shape.euler()) - euler) < 0.3
 
 
-def test_where_it_is_open_is_said() -> None:
+def test_reports_locate_the_boundary() -> None:
     known = cloud("hemisphere")
     report = tk.from_points(known.points, known.normals).report()
     sentence = next(reason for reason in report.reasons if "not closed" in reason)
@@ -72,7 +72,7 @@ def test_closed_surfaces_have_no_boundary() -> None:
         assert report.boundary_loops == 0
 
 
-def test_an_open_mesh_meets_its_exact_number() -> None:
+def test_an_open_mesh_meets_its_counted_integer() -> None:
     vertices, faces = icosphere(4)
     upper = (vertices[faces].mean(1)[:, 2] > 0.2).nonzero()[0]
     shape = tk.from_mesh((vertices, faces[upper]))

@@ -121,7 +121,7 @@ def test_nothing_moves_when_there_is_nothing_to_do() -> None:
     assert (found.steps, found.mean_turn) == (0, 0.0)
 
 
-def test_a_target_out_of_reach_is_said() -> None:
+def test_a_target_out_of_reach_is_reported() -> None:
     found = self_optimize(PLAIN, -500.0, max_steps=2)
     assert found.outcome is Outcome.OUT_OF_STEPS
     assert not found.converged

@@ -122,6 +122,6 @@ def test_open_surfaces_keep_their_area_and_show_their_boundary() -> None:
     assert int(local.is_boundary.sum()) > 0.3 * 2 * np.pi / spacing
 
 
-def test_unknown_method_is_named() -> None:
-    with pytest.raises(InputError, match="'fancy' is not known; use 'exact' or 'monte-carlo'"):
+def test_unknown_methods_are_refused_by_name() -> None:
+    with pytest.raises(InputError, match="'fancy' is unknown; use 'exact' or 'monte-carlo''"):
         cell_areas(torch.zeros(4, 2), "fancy")  # type: ignore[arg-type]

@@ -7,12 +7,11 @@ from typing import Literal
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.core.labels import connected_labels
 from topokit.errors import InputError
 
 Component = Literal["largest", "all"] | int
@@ -83,8 +82,7 @@ def _clusters(splats: GaussianSplats) -> NDArray[np.int64]:
     touching = cKDTree(cells).query_pairs(1.8, output_type="ndarray")  # √3 reaches the corner neighbors
     rows = np.concatenate((touching[:, 0], np.repeat(of_mark[:, 0], 4)))
     columns = np.concatenate((touching[:, 1], of_mark[:, 1:].ravel()))
-    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(len(cells), len(cells)))
-    _, labels = connected_components(graph, directed=False)
+    labels = connected_labels(len(cells), rows, columns)
     return np.unique(labels[of_mark[:, 0]], return_inverse=True)[1]
 
 

@@ -1,4 +1,4 @@
-"""Where a sampled surface ends: boundary points, the curves they form, and how far these turn."""
+"""Boundary of a sampled surface: rim points, the closed curves they form, and their geodesic curvature."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.chunks import in_chunks
+from topokit.core.labels import connected_labels
 from topokit.core.linalg import normalize, squared_norm, tangent_basis
 from topokit.core.local.curvature import neighbor_offsets, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
@@ -21,9 +22,9 @@ from topokit.core.local.voronoi import exact_cell_areas
 
 _GAP = 110.0  # degrees without a neighbor at a rim point; a straight boundary leaves 180
 _SUPPORT = 3  # neighbors that must have a gap too
-_LEAST_LOOP = 20  # points, and spacings of length, of the smallest hole that stands out of the noise
-_CLOSING = 0.2  # share of a path's length that its ends may be apart
-_REACH = 6.0  # spacings between successive points of a boundary curve, at most
+_LEAST_LOOP = 20  # points, and spacings of length, of the smallest boundary loop distinguishable from noise
+_CLOSING = 0.2  # largest distance between the ends of a closed path, as a share of its length
+_REACH = 6.0  # largest distance between successive points of a boundary curve, in spacings
 
 
 def has_gap(tangent: Tensor) -> Tensor:
@@ -52,7 +53,7 @@ def has_gap(tangent: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryCurve:
-    """One closed curve along which a surface ends.
+    """One closed boundary curve.
 
     Attributes:
         index: (M,) samples in the order of the curve.
@@ -116,23 +117,22 @@ def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     return BoundaryEstimate(boundary_curves(points, normals, rim, spacing), float(rim.double().mean()), spacing)
 
 
-def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:
-    """Join boundary points to closed curves and measure how far each turns within the surface.
+def boundary_curves(points: Tensor, normals: Tensor, is_rim: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:
+    """Join rim points to closed curves and measure their total geodesic curvature.
 
-    Each cluster of boundary points is strung along the longest path of its minimum spanning tree, which must close; the
-    polygon is smoothed so that single points do not zigzag. Its turning towards the surface is the boundary's term of
-    Gauss–Bonnet: χ = (∫ K dA + Σ ∮ k_g ds) / 2π.
+    Each cluster is ordered along the longest path of its minimum spanning tree, whose ends must meet. The polygon is
+    smoothed; its turning towards the surface is the boundary term of Gauss–Bonnet: χ = (∫ K dA + Σ ∮ k_g ds) / 2π.
 
     Args:
         points: (N, 3).
         normals: (N, 3) unit; signs do not matter.
-        is_boundary: (N,) bool, as `rim_points` gives it.
+        is_rim: (N,) bool, the rim points.
         spacing: typical distance of samples.
 
     Returns:
-        The curves found, longest first; clusters that do not close are left out. Not differentiable.
+        The closed curves, longest first. Not differentiable.
     """
-    rows = is_boundary.nonzero().ravel().cpu().numpy()
+    rows = is_rim.nonzero().ravel().cpu().numpy()
     if len(rows) < _LEAST_LOOP:
         return ()
     positions = points.detach().cpu().double().numpy()
@@ -144,7 +144,7 @@ def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacin
         gap = np.linalg.norm(positions[path[0]] - positions[path[-1]])
         length = np.linalg.norm(np.diff(positions[path], axis=0), axis=1).sum()
         if len(path) >= _LEAST_LOOP and gap <= max(2 * _REACH * spacing, _CLOSING * length):
-            curves.append(_measured(path, positions, directions, spacing))
+            curves.append(_measure(path, positions, directions, spacing))
     curves = [curve for curve in curves if curve.length > _LEAST_LOOP * spacing]
     return tuple(sorted(curves, key=lambda curve: -curve.length))
 
@@ -152,19 +152,18 @@ def boundary_curves(points: Tensor, normals: Tensor, is_boundary: Tensor, spacin
 def _clusters(positions: NDArray[np.float64], reach: float) -> list[NDArray[np.int64]]:
     """Indices of the points of each cluster that is large enough for a loop."""
     pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(positions),) * 2)
-    labels = connected_components(graph, directed=False)[1]
+    labels = connected_labels(len(positions), pairs[:, 0], pairs[:, 1])
     large = np.flatnonzero(np.bincount(labels) >= _LEAST_LOOP)
     return [np.flatnonzero(labels == label) for label in large]
 
 
 def _longest_path(positions: NDArray[np.float64], reach: float) -> NDArray[np.int64]:
-    """Longest path of the minimum spanning tree: a loop's tree is the loop cut open, with short twigs."""
+    """Longest path of the minimum spanning tree: that of a loop is the loop cut open, with short branches."""
     pairs = cKDTree(positions).query_pairs(reach, output_type="ndarray")
     if len(pairs) == 0:
         return np.arange(len(positions))[:1]
     lengths = np.linalg.norm(positions[pairs[:, 0]] - positions[pairs[:, 1]], axis=1)
-    lengths = np.maximum(lengths, 1e-12 * reach)  # a zero would be no edge
+    lengths = np.maximum(lengths, 1e-12 * reach)  # SciPy takes a zero for a missing edge
     tree = minimum_spanning_tree(coo_array((lengths, pairs.T), shape=(len(positions),) * 2).tocsr())
     end = breadth_first_order(tree, 0, directed=False)[0][-1]
     order, parents = breadth_first_order(tree, end, directed=False)
@@ -174,7 +173,7 @@ def _longest_path(positions: NDArray[np.float64], reach: float) -> NDArray[np.in
     return np.array(path)
 
 
-def _measured(
+def _measure(
     path: NDArray[np.int64], positions: NDArray[np.float64], normals: NDArray[np.float64], spacing: float
 ) -> BoundaryCurve:
     """Length and turning of the closed polygon through `path`, smoothed over about three spacings."""

@@ -1,4 +1,4 @@
-"""The solid that a triangle mesh encloses, by its winding number: for open, overlapping and unwelded meshes too."""
+"""The solid enclosed by a triangle mesh, clean or not, by its winding number."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class EnclosedSolid:
 
     Attributes:
         euler: Euler characteristic of its surface.
-        off_level: share of the mesh's area that is not on the surface of that region, because it lies inside, overlaps,
-            or bounds walls thinner than the grid's step.
+        off_level: share of the mesh's area that is not on the surface of that region, because it lies inside, overlaps
+            other parts, or bounds walls thinner than the grid.
         cell: grid step, in units of the vertices.
     """
 
@@ -33,10 +33,10 @@ class EnclosedSolid:
 
 
 def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
-    """The region where the winding-number field of dense samples of a mesh exceeds one half.
+    """Sample a mesh densely and threshold the winding-number field of the samples.
 
-    Unlike V − E + F, this tolerates holes, loose triangles, and doubled or intersecting parts, as long as the faces are
-    oriented. It does not see features smaller than two grid steps.
+    Unlike V − E + F this works with holes, loose triangles, duplicated and intersecting parts, as long as the faces are
+    oriented; features smaller than two grid steps are lost.
 
     Args:
         vertices: (V, 3).
@@ -49,10 +49,10 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
         Jacobson et al. 2013, DOI 10.1145/2461912.2461916 (generalized winding numbers); the field is that of
         `winding_field`.
     """
-    vertices = vertices.detach().cpu().double()
-    center = (vertices[faces.cpu()].amin((0, 1)) + vertices[faces.cpu()].amax((0, 1))) / 2
-    samples, _ = sample_triangles(vertices - center, faces.cpu(), _SAMPLES)
-    corners = vertices[faces.cpu()]
+    vertices, faces = vertices.detach().cpu().double(), faces.cpu()
+    corners = vertices[faces]
+    center = (corners.amin((0, 1)) + corners.amax((0, 1))) / 2
+    samples, _ = sample_triangles(vertices - center, faces, _SAMPLES)
     cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
     area = float(cross.norm(dim=-1).sum()) / 2 / _SAMPLES
     points = samples.points.float()

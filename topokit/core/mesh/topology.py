@@ -79,11 +79,10 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
         connectivity: of these faces, where it is known already.
     """
     mesh = connectivity or mesh_connectivity(faces)
-    doubled_areas, volumes = _areas_and_volumes(vertices, faces)
-    vertex_labels, labels = _component_labels(mesh, doubled_areas)
+    areas, volumes = _areas_and_volumes(vertices, faces)
+    vertex_labels, labels = _component_labels(mesh, areas)
     n_components = int(labels.max()) + 1
-    euler = _euler_by_component(mesh, vertex_labels, labels)
-    loops = _boundary_loops(mesh, labels)
+    euler, loops = _euler_by_component(mesh, vertex_labels, labels), _boundary_loops(mesh, labels)
     flip, is_twisted = _orientation(mesh)
     orientable = _without(n_components, labels[is_twisted])
     manifold = _without(n_components, _edge_labels(mesh, labels, mesh.uses > 2), vertex_labels[mesh.pinched])
@@ -92,20 +91,11 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
     low, high = _bounds(vertices, vertex_labels)
     inside, depths = nesting(vertices, oriented, labels, closed & orientable, low, high)
     inward = _inward(np.where(flip, -volumes, volumes), labels, closed & orientable, depths)
-    area = np.bincount(labels, doubled_areas)
-    components = CountedComponents(
-        euler=euler,
-        genera=np.where(manifold & orientable, genus_of(euler, loops), -1),
-        boundary_loops=loops,
-        low=low,
-        high=high,
-        area_shares=area / max(area.sum(), np.finfo(float).tiny),
-        inside=inside,
-        depths=depths,
-    )
+    genera = np.where(manifold & orientable, genus_of(euler, loops), -1)
+    shares = np.bincount(labels, areas) / max(areas.sum(), np.finfo(float).tiny)
     return MeshTopology(
         euler=int(euler.sum()),
-        components=components,
+        components=CountedComponents(euler, genera, loops, low, high, shares, inside, depths),
         boundary_loops=int(loops.sum()),
         boundary_edges=mesh.boundary_edges,
         nonmanifold_edges=mesh.nonmanifold_edges,

@@ -168,6 +168,7 @@ def test_methods_reach_curvature_and_euler() -> None:
         {"n_neighbors": 8},
         {"n_neighbors": 30},
         {"solver": "symmetrized"},
+        {"solver": "plain"},
         {"solver": "commuting"},
         {"area_method": "monte-carlo"},
     ):

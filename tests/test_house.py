@@ -26,7 +26,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
 ]

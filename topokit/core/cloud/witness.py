@@ -26,6 +26,7 @@ from topokit.core.cloud.neighborhoods import (
 )
 from topokit.core.cloud.orientation import check_normals, orient_samples
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_votes, tally
+from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -139,6 +140,7 @@ class _Cloud:
         return self.positions[self.kept]
 
 
+@one_thread()
 def global_witness(
     points: Tensor,
     normals: Tensor | None = None,

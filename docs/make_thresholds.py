@@ -6,7 +6,8 @@ python docs/make_thresholds.py
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from topokit.report import verdict
@@ -18,6 +19,13 @@ RULES: tuple[tuple[str, Callable[..., object]], ...] = (
     ("functions and networks", verdict.function_verdict),
     ("points and splats", verdict.cloud_verdict),
 )
+CORE = Path(inspect.getfile(verdict)).parents[1] / "core"
+CONSTANTS = """
+## Constants of the numerical core
+
+Settings of the methods themselves, in the units of their comments. They were found by trial on analytic shapes and on
+the shapes of [accuracy.md](accuracy.md); no study of how the results depend on each of them exists.
+"""
 HEADER = """# Rules and thresholds of the verdict
 
 Written by `python docs/make_thresholds.py` from [topokit/report/verdict.py](../topokit/report/verdict.py); a test fails
@@ -35,8 +43,19 @@ def page() -> str:
     for name, threshold in verdict.THRESHOLDS.items():
         number = sources.index(threshold.source) + 1
         lines.append(f"| `{name}` | {threshold.value:g} | {threshold.unit} | {threshold.meaning} | {number} |")
-    lines += ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1)), ""]
-    return "\n".join(lines)
+    lines += ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1))]
+    lines += [CONSTANTS, "| module | constant | meaning |", "|---|---|---|"]
+    lines += [f"| `{module}` | `{code}` | {meaning} |" for module, code, meaning in constants()]
+    return "\n".join((*lines, ""))
+
+
+def constants() -> Iterator[tuple[str, str, str]]:
+    """Module, code and comment of every commented constant in the numerical core."""
+    for path in sorted(CORE.rglob("*.py")):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            found = re.fullmatch(r"(_?[A-Z][A-Z_0-9]*(?:, _?[A-Z][A-Z_0-9]*)* = .*?)  # (.*)", line)
+            if found and not found[1].endswith("["):
+                yield str(path.relative_to(CORE).with_suffix("")), found[1], found[2].replace("|", "\\|")
 
 
 if __name__ == "__main__":

@@ -70,6 +70,12 @@ class CountedComponents(Sequence[SurfaceComponent]):
     inside: Integers
     depths: Integers
 
+    @classmethod
+    def none(cls) -> CountedComponents:
+        """The components of an empty surface."""
+        numbers, corners = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        return cls(numbers, numbers, numbers, corners, corners, np.zeros(0), numbers, numbers)
+
     @property
     def genus(self) -> int | None:
         """Handles summed over components, or None if any component has no genus."""

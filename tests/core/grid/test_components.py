@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, generate_binary_structure, label
 
-from topokit.core.components import SurfaceComponent
+from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.grid.components import betti_by_component, betti_numbers, grid_surfaces, occupied_box
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid
@@ -127,7 +127,7 @@ def test_boxes_and_areas_follow_the_grid() -> None:
 
 def test_nothing_has_no_surface() -> None:
     empty = torch.zeros(3, 4, 5)
-    assert grid_surfaces(empty > 0, 26, Grid((3, 4, 5))) == ()
+    assert grid_surfaces(empty > 0, 26, Grid((3, 4, 5))) == CountedComponents.none()
     assert betti_by_component(empty).shape == (0, 3)
 
 

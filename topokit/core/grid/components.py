@@ -130,7 +130,7 @@ def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> CountedCompo
     """The connected closed surfaces of a solid on a grid, outer walls and cavity walls, largest area first.
 
     Args:
-        inside: (X, Y, Z) bool, with at least one voxel inside.
+        inside: (X, Y, Z) bool.
         connectivity: 6 or 26, that of the solid.
         grid: where the centers of the voxels are.
 
@@ -138,6 +138,8 @@ def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> CountedCompo
         One row per surface, with exact χ, genus, nesting and bounding box (of the voxels, half a step around their
         centers). `area_shares` counts the faces between voxels.
     """
+    if not inside.any():
+        return CountedComponents.none()
     box = occupied_box(inside)
     padded = np.pad(inside[tuple(slice(*span) for span in box)].cpu().numpy(), 1)
     tree = _adjacency_tree(padded, connectivity)

@@ -6,8 +6,11 @@ import math
 from dataclasses import replace
 
 import pytest
+import torch
 
 import topokit as tk
+from topokit.core.local.boundary import has_gap
+from topokit.core.local.voronoi import cell_vertices
 from topokit.testing import (
     AnalyticSamples,
     cylinder_samples,
@@ -28,6 +31,19 @@ def cloud(name: str) -> AnalyticSamples:
         return replace(whole, points=whole.points[kept], normals=whole.normals[kept])
     makers = {"hemisphere": hemisphere_samples, "cylinder": cylinder_samples, "square with a hole": plate_samples}
     return makers[name](N) if name in makers else plate_samples(N, hole=0.0)
+
+
+@pytest.mark.parametrize("k", [6, 20])
+def test_gaps_are_those_between_sorted_directions(k: int, generator: torch.Generator) -> None:
+    around = torch.randn(2000, k, 2, generator=generator, dtype=torch.float64)
+    half = torch.rand(500, k, 2, generator=generator, dtype=torch.float64) - torch.tensor([0.5, 0.1])
+    tangent = torch.cat((around, half))
+    degrees = torch.atan2(tangent[..., 1], tangent[..., 0]).rad2deg().sort(-1).values
+    widest = degrees.diff(dim=-1, append=degrees[:, :1] + 360).amax(-1)
+    some = tangent * (torch.rand(2500, k, 1, generator=generator) < 0.8)  # cells may leave out neighbors
+    for seen in (tangent, some):
+        assert torch.equal(has_gap(tangent, cell_vertices(seen)), widest > 110)
+    assert 0.01 < float((widest > 110).double().mean()) < 0.99
 
 
 SURFACES = {

@@ -78,6 +78,35 @@ def test_cells_of_half_planes_lines_and_nothing_are_open() -> None:
         assert float(area) == 0
 
 
+def clipped_cell(neighbors: np.ndarray) -> tuple[float, bool]:
+    """Area and openness by clipping each bisector against all others, as `exact_cell_areas` defines them."""
+    neighbors = neighbors[(neighbors**2).sum(1) > 0]
+    squared = (neighbors**2).sum(1)
+    area, ends_known = 0.0, []
+    for own, (u, size) in enumerate(zip(neighbors, squared, strict=True)):
+        others = np.delete(neighbors, own, axis=0)
+        cross, rise = u[0] * others[:, 1] - u[1] * others[:, 0], (others**2).sum(1) - others @ u
+        upper = (rise[cross > 0] / cross[cross > 0] / 2).min(initial=np.inf)
+        lower = (rise[cross < 0] / cross[cross < 0] / 2).max(initial=-np.inf)
+        if lower < upper and not ((cross == 0) & (rise < 0)).any():  # not hidden behind a nearer one
+            known = [size * (0.25 + end**2) <= squared.max() for end in (lower, upper)]
+            ends_known += known
+            area += size * max((upper if known[1] else 0) - (lower if known[0] else 0), 0) / 4
+    return area, not ends_known or not all(ends_known)
+
+
+@pytest.mark.parametrize("k", [3, 6, 20])
+def test_open_and_closed_cells_are_those_of_clipping(k: int, generator: torch.Generator) -> None:
+    around = torch.randn(150, k, 2, generator=generator, dtype=torch.float64)
+    half = torch.rand(150, k, 2, generator=generator, dtype=torch.float64) - torch.tensor([0.5, 0.1])
+    tangent = torch.cat((around, half, half * (torch.rand(150, k, 1, generator=generator) < 0.7)))
+    areas, is_open = exact_cell_areas(tangent)
+    expected = [clipped_cell(cell.numpy()) for cell in tangent]
+    np.testing.assert_allclose(areas, [area for area, _ in expected], rtol=1e-9, atol=1e-12)
+    assert is_open.tolist() == [is_open for _, is_open in expected]
+    assert 0 < int(is_open.sum()) <= 450
+
+
 def test_area_passes_gradcheck(generator: torch.Generator) -> None:
     tangent = neighborhoods(12, 12, generator).requires_grad_()
     assert gradcheck(lambda values: exact_cell_areas(values)[0], (tangent,))

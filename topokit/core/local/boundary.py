@@ -16,9 +16,9 @@ from torch import Tensor
 from topokit.core.chunks import in_chunks
 from topokit.core.labels import connected_labels
 from topokit.core.linalg import normalize, squared_norm, tangent_basis
-from topokit.core.local.curvature import neighbor_offsets, tangent_neighbors
+from topokit.core.local.curvature import at_neighbors, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
-from topokit.core.local.voronoi import exact_cell_areas
+from topokit.core.local.voronoi import CellVertices, cell_vertices, exact_cell_areas
 
 _GAP = 110.0  # degrees without a neighbor at a rim point; a straight boundary leaves 180
 _SUPPORT = 3  # neighbors that must have a gap too
@@ -27,28 +27,29 @@ _CLOSING = 0.2  # largest distance between the ends of a closed path, as a share
 _REACH = 6.0  # largest distance between successive points of a boundary curve, in spacings
 
 
-def has_gap(tangent: Tensor) -> Tensor:
+def has_gap(tangent: Tensor, vertices: CellVertices) -> Tensor:
     """Whether a sector of 110° or more holds no neighbor, as beside the boundary of a surface.
 
-    Most points are cleared by a test without sorting: if there is a neighbor within 32° of each of 8 directions that
-    are 45° apart, no gap exceeds 2 · 32° + 45° = 109°.
+    Only cells with such a sector between two adjacent Voronoi neighbors are tested: others have no wider one.
 
     Args:
         tangent: (m, k, 2), neighbors in the tangent plane of the center, which is the origin.
+        vertices: of the Voronoi cells of the origin among these neighbors, or some of them.
 
     Returns:
         (m,) bool. Not differentiable.
     """
-    turns = torch.arange(8, device=tangent.device) * (math.pi / 4)
-    lengths = squared_norm(tangent).clamp(min=torch.finfo(tangent.dtype).tiny).sqrt()
-    along = (tangent / lengths[..., None]).float() @ torch.stack((turns.cos(), turns.sin()))  # (m, k, 8)
-    unclear = (along.amax(-2) < math.cos(math.radians(32))).any(-1).nonzero().squeeze(1)
-    x, y = tangent[unclear].unbind(-1)
+    first, second = (tangent.flatten(0, 1).index_select(0, row) for row in (vertices.first, vertices.second))
+    lengths = (squared_norm(first) * squared_norm(second)).sqrt()
+    is_narrow = (first * second).sum(-1) > math.cos(math.radians(_GAP - 1)) * lengths  # 1° for rounding
+    is_candidate = vertices.is_unbounded.clone()
+    is_candidate[vertices.cell[~is_narrow]] = True
+    candidates = is_candidate.nonzero().squeeze(1)
+    x, y = tangent[candidates].unbind(-1)
     angles = torch.atan2(y, x).sort(-1).values
     around = torch.cat((angles[:, 1:], angles[:, :1] + 2 * math.pi), dim=-1) - angles
-    is_wide = torch.zeros(len(tangent), dtype=torch.bool, device=tangent.device)
-    is_wide[unclear] = around.amax(-1) > math.radians(_GAP)
-    return is_wide
+    is_candidate[candidates] = around.amax(-1) > math.radians(_GAP)
+    return is_candidate
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,11 +106,13 @@ def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     points = points.detach()
 
     def local(rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        offsets = neighbor_offsets(points, neighbors, rows)
+        offsets = at_neighbors(points, neighbors, rows) - points[rows, None]
         normals = normals_from_neighbors(offsets)
         frames = tangent_basis(normals, offsets[:, -1])
         tangent, same_sheet = tangent_neighbors(offsets, frames)
-        return normals, has_gap(tangent), exact_cell_areas(tangent * same_sheet)[0]
+        own_sheet = tangent * same_sheet
+        vertices = cell_vertices(own_sheet)
+        return normals, has_gap(tangent, vertices), exact_cell_areas(own_sheet, vertices)[0]
 
     normals, gap, areas = in_chunks(local, len(points), points.device)
     rim = gap & (gap[neighbors].sum(-1) >= _SUPPORT)  # boundaries are curves: a rim point has rim points beside it

@@ -94,19 +94,18 @@ def surface_curvature(
     normals = _unit_normals(flat, merged)
 
     def local(rows: Tensor) -> tuple[Tensor, ...]:
-        offsets = neighbor_offsets(flat.points, merged, rows)  # (m, k, 3)
+        offsets = at_neighbors(flat.points, merged, rows) - flat.points[rows].unsqueeze(-2)  # (m, k, 3)
         frames = tangent_basis(normals[rows], offsets[:, -1]) if flat.frames is None else flat.frames[rows]
-        basis, normal = frames[:, :2], frames[:, 2:]  # (m, 2, 3), (m, 1, 3)
         tangent, same_sheet = tangent_neighbors(offsets, frames)
-        change = neighbor_offsets(normals, merged, rows)  # (m, k, 3)
-        if not samples.oriented:  # compare with whichever sign of the neighbor's normal is closer
-            change = torch.where(change @ normal.mT < -1, -change - 2 * normal, change)
-        change = change @ basis.mT * same_sheet
+        around = at_neighbors(normals, merged, rows) @ frames.mT  # (m, k, 3), in the frame of the center
+        change = around[..., :2] * same_sheet  # the center's own normal is (0, 0, 1) there
+        if not samples.oriented:  # take whichever sign of the neighbor's normal is closer
+            change = torch.where(around[..., 2:] < 0, -change, change)
         tangent = tangent * same_sheet
         shape_operator = weingarten_map(tangent, change, settings.solver)
         symmetric = (shape_operator + shape_operator.mT) / 2
         areas, is_open = cell_areas(tangent, settings.area_method, settings.area_resolution)
-        return shape_operator, eigenvalues(symmetric), eigenvectors(symmetric) @ basis, areas, is_open
+        return shape_operator, eigenvalues(symmetric), eigenvectors(symmetric) @ frames[:, :2], areas, is_open
 
     shape_operator, principal, directions, areas, is_open = in_chunks(local, len(merged), merged.device)
     lead = samples.points.shape[:-1]
@@ -123,22 +122,10 @@ def surface_curvature(
     )
 
 
-def neighbor_offsets(values: Tensor, neighbors: Tensor, rows: Tensor) -> Tensor:
-    """Values of the neighbors minus those of the points themselves.
-
-    Args:
-        values: (N, d), positions or normals.
-        neighbors: (N, k) indices.
-        rows: (m,) the points wanted.
-
-    Returns:
-        (m, k, d), differentiable in `values`.
-    """
+def at_neighbors(values: Tensor, neighbors: Tensor, rows: Tensor) -> Tensor:
+    """Values (N, d) at the neighbors (N, k) of some rows (m,), as (m, k, d); several times faster than indexing."""
     index = neighbors[rows]
-    around = values.index_select(0, index.flatten()).reshape(
-        *index.shape, -1
-    )  # several times faster than values[index]
-    return around - values[rows].unsqueeze(-2)
+    return values.index_select(0, index.flatten()).reshape(*index.shape, -1)
 
 
 def tangent_neighbors(offsets: Tensor, frames: Tensor) -> tuple[Tensor, Tensor]:
@@ -163,6 +150,6 @@ def _unit_normals(flat: SurfaceSamples, neighbors: Tensor) -> Tensor:
         return known if flat.frames is not None else normalize(known)
 
     def local(rows: Tensor) -> tuple[Tensor]:
-        return (normals_from_neighbors(neighbor_offsets(flat.points, neighbors, rows)),)
+        return (normals_from_neighbors(at_neighbors(flat.points, neighbors, rows) - flat.points[rows].unsqueeze(-2)),)
 
     return in_chunks(local, len(neighbors), neighbors.device)[0]

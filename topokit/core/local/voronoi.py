@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -35,7 +36,24 @@ def cell_areas(tangent: Tensor, method: AreaMethod = "exact", resolution: int = 
     raise InputError(f"area method {method!r} is unknown; use 'exact' or 'monte-carlo''.")
 
 
-def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
+@dataclass(frozen=True, eq=False)
+class CellVertices:
+    """Pairs of adjacent Voronoi neighbors of the origin, one pair for every vertex of m cells. Not differentiable.
+
+    Attributes:
+        first: (V,) rows of the flattened (m·k, 2) neighbors.
+        second: (V,) likewise, counterclockwise of `first`.
+        cell: (V,) the cells that the vertices belong to, 0 … m−1.
+        is_unbounded: (m,) bool, cells that are not closed by their neighbors.
+    """
+
+    first: Tensor
+    second: Tensor
+    cell: Tensor
+    is_unbounded: Tensor
+
+
+def exact_cell_areas(tangent: Tensor, vertices: CellVertices | None = None) -> tuple[Tensor, Tensor]:
     """Exact Voronoi cell of the origin, differentiable almost everywhere.
 
     The cell's edge on the bisector of neighbor u lies at u/2 + t u⊥ between the cuts t of the two adjacent Voronoi
@@ -48,6 +66,7 @@ def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
 
     Args:
         tangent: (..., k, 2).
+        vertices: what `cell_vertices` returns for these neighbors, if it is known.
 
     Returns:
         areas (...,) and is_open (...,) as in `cell_areas`. Neighbors that coincide with the origin are ignored; a
@@ -55,22 +74,22 @@ def exact_cell_areas(tangent: Tensor) -> tuple[Tensor, Tensor]:
     """
     cells = tangent.reshape(-1, *tangent.shape[-2:])  # (m, k, 2)
     squared = squared_norm(cells)
-    first, second, is_open = _cell_vertices(cells.detach(), squared.detach())
-    upper, lower = _cuts(cells.flatten(0, 1), squared.flatten(), first, second)
-    owner = first.div(cells.shape[1], rounding_mode="floor")
-    reach = squared.detach().amax(-1)
-    is_known = squared.detach().flatten().index_select(0, first) * (
-        0.25 + upper.detach().square()
-    ) <= reach.index_select(0, owner)
-    is_open[owner[~is_known]] = True
-    none = torch.zeros_like(squared).flatten()
-    upper, lower = (none.scatter(0, edge, cut.where(is_known, 0)) for edge, cut in ((first, upper), (second, lower)))
+    vertices = vertices or cell_vertices(cells)
+    upper, lower = _cuts(cells.flatten(0, 1), squared.flatten(), vertices)
+    fixed = squared.detach()
+    distance = fixed.flatten().index_select(0, vertices.first) * (0.25 + upper.detach().square())
+    is_known = distance <= fixed.amax(-1).index_select(0, vertices.cell)
+    is_open = vertices.is_unbounded.clone()
+    is_open[vertices.cell[~is_known]] = True
+    none = torch.zeros_like(fixed).flatten()
+    upper = none.scatter(0, vertices.first, upper.where(is_known, 0))
+    lower = none.scatter(0, vertices.second, lower.where(is_known, 0))
     length = (upper - lower).clamp(min=0).reshape(squared.shape)
     shape = tangent.shape[:-2]
     return ((squared * length).sum(-1) / 4).reshape(shape), is_open.reshape(shape)
 
 
-def _cuts(tangent: Tensor, squared: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+def _cuts(tangent: Tensor, squared: Tensor, vertices: CellVertices) -> tuple[Tensor, Tensor]:
     """Where the bisectors of two adjacent neighbors u and v meet, as a parameter t along each.
 
     Neighbor v cuts the bisector of u at t = (|v|² − u·v) / (2 u×v), and u cuts that of v at (u·v − |u|²) / (2 u×v).
@@ -78,12 +97,12 @@ def _cuts(tangent: Tensor, squared: Tensor, first: Tensor, second: Tensor) -> tu
     Args:
         tangent: (n, 2) neighbors.
         squared: (n,) their squared lengths.
-        first: (V,) index of u.
-        second: (V,) index of v, counterclockwise of u.
+        vertices: pairs of u and v.
 
     Returns:
         (V,) upper end of u's edge and (V,) lower end of v's; infinite where u and v are parallel.
     """
+    first, second = vertices.first, vertices.second
     (ux, uy), (vx, vy) = (tangent.index_select(0, index).unbind(-1) for index in (first, second))
     twice_cross = 2 * (ux * vy - uy * vx)
     crosses = twice_cross != 0
@@ -94,28 +113,23 @@ def _cuts(tangent: Tensor, squared: Tensor, first: Tensor, second: Tensor) -> tu
     return upper.where(crosses, torch.inf), lower.where(crosses, -torch.inf)
 
 
-def _cell_vertices(cells: Tensor, squared: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Pairs of adjacent Voronoi neighbors of the origin, one pair for every vertex of the cell.
-
-    Args:
-        cells: (m, k, 2).
-        squared: (m, k), squared lengths.
-
-    Returns:
-        (V,) and (V,) rows of the flattened (m·k, 2) neighbors, the second counterclockwise of the first, and (m,) bool,
-        True where the cell is unbounded.
-    """
+@torch.no_grad()
+def cell_vertices(cells: Tensor) -> CellVertices:
+    """Vertices of the Voronoi cells of the origin among neighbors (m, k, 2)."""
+    is_present = squared_norm(cells) > 0  # a neighbor at the origin has no bisector: it is moved far away
     far = 4 * cells.abs().amax((-2, -1), keepdim=True)
-    cells = cells.where((squared > 0)[..., None], far)  # a neighbor at the origin has no bisector
+    cells = cells.where(is_present[..., None], far)
     rows = torch.arange(len(cells), device=cells.device)
     first, second, unbounded = _walk(cells, rows)
     if len(unbounded) > 0:  # walk the other way from the nearest neighbor, on the mirror image
         mirrored = cells[unbounded] * cells.new_tensor((1, -1))
         before, after, _ = _walk(mirrored, unbounded)
         first, second = torch.cat((first, after)), torch.cat((second, before))
-    is_open = torch.zeros_like(rows, dtype=torch.bool)
-    is_open[unbounded] = True
-    return first, second, is_open
+    cell = first.div(cells.shape[1], rounding_mode="floor")
+    is_real = is_present.flatten()[torch.stack((first, second))].all(0)
+    is_unbounded = torch.zeros_like(rows, dtype=torch.bool)
+    is_unbounded[torch.cat((unbounded, cell[~is_real]))] = True
+    return CellVertices(first[is_real], second[is_real], cell[is_real], is_unbounded)
 
 
 def _walk(cells: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -150,10 +164,12 @@ def _walk(cells: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         walking = (ends | closes).logical_not().squeeze(1).nonzero().squeeze(1)
         if len(walking) == 0:
             break
-        row, here, here_x, here_y, start, start_x, start_y, x, y, squared = (
-            part.index_select(0, walking)
-            for part in (row, there, there_x, there_y, start, start_x, start_y, x, y, squared)
-        )
+        here, here_x, here_y = there, there_x, there_y
+        if len(walking) < len(row):
+            row, here, here_x, here_y, start, start_x, start_y, x, y, squared = (
+                part.index_select(0, walking)
+                for part in (row, here, here_x, here_y, start, start_x, start_y, x, y, squared)
+            )
     row, here, there, ends = (torch.cat(column).squeeze(1) for column in zip(*steps, strict=True))
     first_row, found = row * cells.shape[1], ends.logical_not()
     return (first_row + here)[found], (first_row + there)[found], row[ends]

@@ -30,7 +30,7 @@ class Measurable(Protocol):
 def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
     """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
 
-    A sentence about the solid is added where it differs from the mesh.
+    Sentences tell the estimates, and the solid where it differs from the mesh.
     """
     rows: list[Evidence] = []
 
@@ -42,7 +42,8 @@ def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
 
     estimate = timed("Gauss–Bonnet", shape.euler) if report.estimate is None else report.estimate
     refined = timed("Gauss–Bonnet, self-optimized", shape.refined_euler) if report.closed else None
-    reasons, solid = report.reasons, None
+    reasons = (*report.reasons, _estimate_sentence(estimate, refined))
+    solid = None
     if shape.mesh is not None:
         started = time.perf_counter()
         solid = enclosed_solid(*shape.mesh)
@@ -53,6 +54,11 @@ def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
     return replace(
         report, reasons=reasons, evidence=(*report.evidence, *rows), estimate=estimate, refined=refined, solid=solid
     )
+
+
+def _estimate_sentence(estimate: float, refined: float | None) -> str:
+    after = "" if refined is None else f", {refined:.3f} after self-optimization"
+    return f"Gauss–Bonnet estimates χ ≈ {estimate:.3f}{after}."
 
 
 def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:

@@ -110,6 +110,19 @@ def test_a_change_in_place_is_seen() -> None:
     assert float(shape.euler()) == float(tk.from_points(points).euler()) != before
 
 
+def test_tensors_of_inference_mode_are_measured() -> None:
+    points = sphere_samples(300).points
+    with torch.inference_mode():
+        shape = tk.from_points(points.clone())
+        value = float(shape.euler())
+    assert value == float(shape.euler()) == float(tk.from_points(points).euler())
+    moving = tk.from_points(points.clone().requires_grad_())
+    with torch.inference_mode():
+        moving.euler()
+    moving.euler().backward()
+    assert moving.samples.points.grad is not None
+
+
 def test_shapes_are_immutable() -> None:
     shape = tk.from_points(sphere_samples(100).points)
     with pytest.raises(AttributeError, match=r"shape.replace\(name="):

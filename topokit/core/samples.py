@@ -72,9 +72,9 @@ class SurfaceSamples:
         return self._map(lambda value, kept: value.to(*args, **kwargs))
 
     def versions(self) -> tuple[int, ...]:
-        """Counters that change when a tensor is changed in place."""
+        """Counters that change when a tensor is changed in place; tensors of inference mode have none."""
         tensors = (self.points, self.normals, self.frames, self.areas)
-        return tuple(tensor._version for tensor in tensors if tensor is not None)
+        return tuple(0 if one.is_inference() else one._version for one in tensors if one is not None)
 
     def items(self) -> tuple[SurfaceSamples, ...]:
         """The samples of each batch item, detached, in the order of the merged batch dimensions."""

@@ -37,7 +37,8 @@ class Examination:
     def neighbors(self) -> Tensor:
         """(N, k) indices of the nearest neighbors; k = 20, or as many as there are."""
         points = self.samples.points
-        return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
+        with torch.inference_mode(False):  # the indices outlive the mode, and gradients must be able to save them
+            return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
 
     @cached_property
     def curvature(self) -> Curvature:

@@ -32,7 +32,7 @@ class AdapterWarning(UserWarning):
 
 
 class GenusError(TopokitError, ValueError):
-    """Genus has no meaning for this surface (open, non-manifold, not orientable) or is not known."""
+    """The genus is undefined (the surface is not a manifold or not orientable) or unknown."""
 
 
 def summary(error: BaseException | None) -> str:

@@ -34,8 +34,10 @@ _FEWEST_NEIGHBORS = 3  # fewer are refused by `nearest_neighbors`
 class Shape(ShapeData):
     """A surface as samples, with a counted answer where its representation has one. Immutable.
 
-    Answers do not depend on the order of questions, and the report does not depend on `n_neighbors`. The tensors are
-    not copied: after an in-place change, such as an optimizer step, everything is measured anew.
+    Answers do not depend on the order of questions, and the report does not depend on `n_neighbors`. Points given as
+    tensors are not copied: after an in-place change, such as an optimizer step, everything is measured anew. Samples
+    that are made from other tensors (vertices, splats, the weights of a network) are made once, with one graph: make a
+    new shape for every training step.
 
     Attributes:
         samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
@@ -183,7 +185,7 @@ class Shape(ShapeData):
         """Handles summed over components, from the report's integer.
 
         Raises:
-            GenusError: if the surface is open, not a manifold or not orientable, or its genus is unknown.
+            GenusError: if the surface is not a manifold or not orientable, or its genus is unknown.
         """
         return known_genus(self.report())
 
@@ -207,6 +209,8 @@ class Shape(ShapeData):
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.
+
+        Signs that were given are kept; the report says if they point inward or contradict each other.
 
         Returns:
             A `Shape` whose normals are differentiable in the points; this one if it is oriented already.

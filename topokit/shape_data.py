@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Self
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from topokit.core.grid.field import Field
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
-from topokit.core.samples import SurfaceSamples, enough_samples
+from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
 from topokit.errors import InputError
 from topokit.report.examination import Examination
 from topokit.report.report import CountedAnswer
@@ -23,7 +22,8 @@ UNNAMED = "shape"
 class ShapeData:
     """The data of a `topokit.Shape`, which adds the questions.
 
-    The tensors are not copied: after an in-place change, such as an optimizer step, everything is measured anew.
+    Tensors given as samples are not copied: after an in-place change, such as an optimizer step, everything is measured
+    anew. What is made or counted from other tensors (vertices, volumes, networks) is made once.
 
     Attributes:
         samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
@@ -62,6 +62,14 @@ class ShapeData:
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a Shape is immutable: use shape.replace({attribute}=...) for a changed copy.")
 
+    def __delattr__(self, attribute: str) -> None:
+        raise AttributeError(f"a Shape is immutable: its {attribute} cannot be deleted.")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is pickled: the samples and the counted answer instead of the functions that make them."""
+        names = ("samples", "counted", "field", "mesh", "name", "notes", "n_neighbors")
+        return {name: getattr(self, name) for name in names}
+
     def __repr__(self) -> str:
         known = self.__dict__
         counted = "counted, " if known.get("counted") is not None else ""
@@ -71,7 +79,9 @@ class ShapeData:
     @cached_property
     def samples(self) -> SurfaceSamples:
         """The samples (..., N, 3), made when they are first needed."""
-        return enough_samples(self.__dict__["_make_samples"](), self.n_neighbors, self.name)
+        with torch.inference_mode(False), torch.enable_grad():  # they outlive the mode in which they are first needed
+            made = self.__dict__["_make_samples"]()
+        return enough_samples(made, self.n_neighbors, self.name)
 
     @cached_property
     def counted(self) -> CountedAnswer | None:
@@ -98,8 +108,9 @@ class ShapeData:
         unknown = sorted(set(changes) - {"name", "notes", "n_neighbors"})
         if unknown:
             raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
-        other = copy.copy(self)
-        other.__dict__.update(changes)
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__ | changes)
+        enough_neighbors(other.n_neighbors)
         return other
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
@@ -126,7 +137,7 @@ class ShapeData:
         if self.samples.points.ndim != 2:
             raise InputError(
                 f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
-                "Ask euler() for all of them, or report() item by item."
+                "Ask euler() for all of them, or make a shape of each item."
             )
         return self._examinations()[0]
 

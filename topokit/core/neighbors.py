@@ -81,6 +81,8 @@ def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
     _, in_order = tree.query(coordinates[order], n_neighbors + 1, workers=-1)
     found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
     found[order] = in_order
+    if found.max() == len(found):  # what SciPy returns for a neighbor at infinite distance
+        raise InputError("the coordinates are too large for distances between points: scale them down.")
     own = np.arange(len(found))[:, None]
     if (found[:, :1] == own).all():
         return torch.from_numpy(found)[:, 1:]

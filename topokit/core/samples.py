@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -106,6 +107,16 @@ class SurfaceSamples:
         )
 
 
+def enough_neighbors(n_neighbors: object) -> None:
+    """Check the number of neighbors.
+
+    Raises:
+        InputError: if it is not an integer of at least 3.
+    """
+    if not isinstance(n_neighbors, Integral) or isinstance(n_neighbors, bool) or n_neighbors < 3:
+        raise InputError(f"n_neighbors is {n_neighbors!r}; an integer of at least 3 is needed to span a tangent plane.")
+
+
 def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> SurfaceSamples:
     """The samples themselves.
 
@@ -114,6 +125,7 @@ def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> Surf
     """
     if not isinstance(samples, SurfaceSamples):
         raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
+    enough_neighbors(n_neighbors)
     if samples.n_points <= n_neighbors:
         raise InputError(
             f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbors each: "

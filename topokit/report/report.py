@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
@@ -30,7 +31,7 @@ class Evidence:
     name: str
     value: float
     integer: int | None
-    seconds: float
+    seconds: float = field(compare=False)
 
 
 @dataclass(frozen=True)
@@ -103,12 +104,9 @@ class TopologyReport:
     per_component: Sequence[SurfaceComponent]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain dictionaries, lists, numbers and strings, ready for JSON; no NaN."""
-        result: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        for key in ("evidence", "per_component"):
-            result[key] = [_plain(one) for one in result[key]]
-        result["solid"] = None if self.solid is None else _plain(self.solid)
-        return result
+        """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
+        rows: dict[str, Any] = _plain(self)
+        return rows
 
     def to_json(self, indent: int | None = None) -> str:
         """The report as JSON text; tuples become lists."""
@@ -130,8 +128,13 @@ class TopologyReport:
         return "\n".join([", ".join(parts), *(f"  - {reason}" for reason in self.reasons)])
 
 
-def _plain(record: Any) -> dict[str, Any]:
-    return {field.name: getattr(record, field.name) for field in fields(record)}
+def _plain(value: Any) -> Any:
+    """Records as dictionaries, sequences as lists, numbers that are not finite as None."""
+    if is_dataclass(value) and not isinstance(value, Sequence):
+        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def known_genus(report: TopologyReport) -> int:

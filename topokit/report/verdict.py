@@ -151,8 +151,9 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
 
 
 def has_genus(witness: Witness) -> bool:
-    """Whether the integer fits the number of surfaces: a genus cannot be negative."""
-    return witness.euler <= 2 * (witness.components + witness.cavities)
+    """Whether the integer fits the number of surfaces, of which there must be one: a genus cannot be negative."""
+    n_surfaces = witness.components + witness.cavities
+    return n_surfaces > 0 and witness.euler <= 2 * n_surfaces
 
 
 def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:

@@ -204,14 +204,15 @@ def _wall_eulers(tree: _AdjacencyTree, depth: Integers) -> Integers:
 
 
 def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> Floats:
-    """Area of the voxel faces between every node and its parent."""
+    """Area of the voxel faces between every node and its parent, in squares of the largest step."""
     areas = np.zeros(tree.count)
+    steps = np.asarray(spacing) / max(spacing)
     for axis in range(3):
         layers = np.moveaxis(tree.labels, axis, 0)
         differ = layers[:-1] != layers[1:]
         lower, upper = layers[:-1][differ], layers[1:][differ]
         child = np.where(depth[lower] > depth[upper], lower, upper)
-        areas += np.bincount(child, minlength=tree.count) * (np.prod(spacing) / spacing[axis])
+        areas += np.bincount(child, minlength=tree.count) * (np.prod(steps) / steps[axis])
     return areas
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 import torch
 from torch import Tensor
@@ -13,7 +14,8 @@ from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.voronoi import AreaMethod, cell_areas
 from topokit.core.local.weingarten import Solver, weingarten_map
 from topokit.core.neighbors import merged_neighbors, nearest_neighbors
-from topokit.core.samples import SurfaceSamples
+from topokit.core.samples import SurfaceSamples, enough_neighbors
+from topokit.errors import InputError
 
 DEFAULT_NEIGHBORS = 20
 
@@ -33,6 +35,11 @@ class CurvatureSettings:
     solver: Solver = "sylvester"
     area_method: AreaMethod = "exact"
     area_resolution: int = 32
+
+    def __post_init__(self) -> None:
+        enough_neighbors(self.n_neighbors)
+        if not isinstance(self.area_resolution, Integral) or self.area_resolution < 2:
+            raise InputError(f"area_resolution is {self.area_resolution!r}; an integer of at least 2 is needed.")
 
 
 DEFAULT_SETTINGS = CurvatureSettings()

@@ -71,6 +71,7 @@ class Refinement:
         return self.outcome.value.format(error=self.error, steps=self.steps)
 
 
+@torch.inference_mode(False)
 def self_optimize(
     samples: SurfaceSamples,
     target: Tensor | float | None = None,
@@ -115,8 +116,13 @@ def self_optimize(
         raise InputError(f"step {step!r} is unknown; use 'polyak' or 'gradient'.")
     if neighbors is None:
         neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
+    neighbors = neighbors.clone() if neighbors.is_inference() else neighbors
     start, value = _start(samples, neighbors, settings, over)
-    goal = 2 * (value / 2).round() if target is None else torch.as_tensor(target).to(value).expand_as(value)
+    goal = (
+        2 * (value / 2).round()
+        if target is None
+        else torch.as_tensor(target).detach().to(value).clone().expand_as(value)
+    )
     descent = Descent(neighbors, settings, tuple(over), goal, start.points)
     current, history = start, [value]
     best = (descent.error(value), start)
@@ -156,7 +162,9 @@ def _start(
     with torch.no_grad():
         local = surface_curvature(samples, settings, neighbors=neighbors)
     areas = local.area.detach() if samples.areas is not None or "areas" in over else None
-    start = SurfaceSamples(samples.points.detach(), local.normals.detach(), areas=areas, oriented=samples.oriented)
+    points = samples.points.detach()
+    points = points.clone() if points.is_inference() else points  # those cannot take part in gradients
+    start = SurfaceSamples(points, local.normals.detach(), areas=areas, oriented=samples.oriented)
     return start, euler_characteristic(local.gaussian, local.area)
 
 

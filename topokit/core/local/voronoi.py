@@ -33,7 +33,7 @@ def cell_areas(tangent: Tensor, method: AreaMethod = "exact", resolution: int = 
         return exact_cell_areas(tangent)
     if method == "monte-carlo":
         return monte_carlo_cell_areas(tangent, resolution), exact_cell_areas(tangent.detach())[1]
-    raise InputError(f"area method {method!r} is unknown; use 'exact' or 'monte-carlo''.")
+    raise InputError(f"area method {method!r} is unknown; use 'exact' or 'monte-carlo'.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 import torch
 
-from topokit.core.chunks import in_chunks
+from topokit.core.cloud import witness
+from topokit.core.cloud.votes import Vote
 from topokit.core.threads import one_thread
+from topokit.testing import sphere_samples
 
 
 def test_the_number_of_threads_is_restored() -> None:
@@ -26,11 +30,18 @@ def test_the_number_of_threads_is_restored() -> None:
         torch.set_num_threads(before)
 
 
-def test_blocks_of_rows_run_on_one_thread() -> None:
+def test_the_witness_runs_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     before, seen = torch.get_num_threads(), []
+    tally = witness.tally
+
+    def spy(votes: Iterable[Vote]) -> tuple[int, float]:
+        seen.append(torch.get_num_threads())
+        return tally(votes)
+
+    monkeypatch.setattr(witness, "tally", spy)
     try:
         torch.set_num_threads(2)
-        in_chunks(lambda rows: (seen.append(torch.get_num_threads()) or rows,), 10, torch.device("cpu"), chunk=4)
-        assert seen == [1, 1, 1]
+        witness.global_witness(sphere_samples(300).points)
+        assert (seen, torch.get_num_threads()) == ([1], 2)
     finally:
         torch.set_num_threads(before)

@@ -8,12 +8,9 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-from topokit.core.threads import one_thread
-
 CHUNK = 1 << 12  # rows per block, so that temporaries of 20 neighbors stay in the cache
 
 
-@one_thread()
 def in_chunks(
     work: Callable[[Tensor], tuple[Tensor, ...]], n_points: int, device: torch.device, chunk: int = CHUNK
 ) -> tuple[Tensor, ...]:

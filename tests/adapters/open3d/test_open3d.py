@@ -251,13 +251,6 @@ def test_fields_and_voxels_come_out_as_their_samples() -> None:
     assert ring.point["positions"].shape[0] == 1000
 
 
-def test_what_the_readme_shows_runs() -> None:
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
-    names: dict[str, Any] = {"tk": tk, "open3d_cloud": legacy_cloud(TORUS.points)}
-    exec(next(block for block in blocks if "to_open3d" in block), names)
-    assert len(names["geometry"].colors) == 2000
-
-
 def test_the_example_runs(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     output = tmp_path / "cloud.ply"
     monkeypatch.setattr(sys, "argv", ["open3d_roundtrip.py", str(output)])

@@ -14,6 +14,7 @@ References:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,18 @@ class DelaunayComplex:
     facet_normal: Floats
     sphere_cost: Floats
     hull: Integers
+
+    @cached_property
+    def corner_directions(self) -> Floats:
+        """(T, 4, 3), unit vectors from the centroid of each tetrahedron to its corners."""
+        corners = self.points[self.tetrahedra]
+        way = corners - corners.mean(1, keepdims=True)
+        return way / np.maximum(np.linalg.norm(way, axis=2, keepdims=True), 1e-12)
+
+    @cached_property
+    def surface(self) -> Floats:
+        """(T,), surface area of each tetrahedron."""
+        return self.facet_area.sum(1)
 
 
 @dataclass(frozen=True)
@@ -152,12 +165,10 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
     """
     weights = weights or CutWeights()
     tetrahedra, neighbors, count = complex_.tetrahedra, complex_.neighbors, len(complex_.tetrahedra)
-    way = complex_.points[tetrahedra] - complex_.points[tetrahedra].mean(1, keepdims=True)
-    way /= np.maximum(np.linalg.norm(way, axis=2, keepdims=True), 1e-12)
     corner_normal = normals[tetrahedra]
-    side = weights.side * (way * corner_normal).sum(2).mean(1) * complex_.facet_area.sum(1)
-    total = (complex_.facet_normal * corner_normal.sum(1)[:, None]).sum(2)  # f · (sum of the four normals)
-    agreement = (total - (complex_.facet_normal * corner_normal).sum(2)) / 3
+    side = weights.side * np.einsum("tca,tca->tc", complex_.corner_directions, corner_normal).mean(1) * complex_.surface
+    total = np.einsum("tca,ta->tc", complex_.facet_normal, corner_normal.sum(1))  # f · (sum of the four normals)
+    agreement = (total - np.einsum("tca,tca->tc", complex_.facet_normal, corner_normal)) / 3
     per_area = weights.area + weights.normal * (1 - agreement) / 2 + weights.sphere * complex_.sphere_cost
     cost = complex_.facet_area * per_area
     on_hull = neighbors < 0

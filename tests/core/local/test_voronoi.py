@@ -152,5 +152,5 @@ def test_open_surfaces_keep_their_area_and_show_their_boundary() -> None:
 
 
 def test_unknown_methods_are_refused_by_name() -> None:
-    with pytest.raises(InputError, match="'fancy' is unknown; use 'exact' or 'monte-carlo''"):
+    with pytest.raises(InputError, match="'fancy' is unknown; use 'exact' or 'monte-carlo'"):
         cell_areas(torch.zeros(4, 2), "fancy")  # type: ignore[arg-type]

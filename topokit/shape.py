@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from topokit.export.colors import Quantity
 
-_FEWEST_NEIGHBORS = 3  # fewer are refused by `nearest_neighbors`
-
 
 class Shape(ShapeData):
     """A surface as samples, with a counted answer where its representation has one. Immutable.
@@ -256,7 +254,7 @@ class Shape(ShapeData):
         """Curvature with the neighbors that the examination has found already, where those are enough."""
         found = torch.stack([one.neighbors for one in self._examinations()])
         k, neighbors = settings.n_neighbors, None
-        if _FEWEST_NEIGHBORS <= k <= found.shape[-1]:
+        if k <= found.shape[-1]:
             neighbors = found[..., :k].reshape(*self.samples.points.shape[:-1], k)
         return surface_curvature(self.samples, settings, neighbors=neighbors)
 

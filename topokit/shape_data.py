@@ -23,16 +23,8 @@ class ShapeData:
     """The data of a `topokit.Shape`, which adds the questions.
 
     Tensors given as samples are not copied: after an in-place change, such as an optimizer step, everything is measured
-    anew. What is made or counted from other tensors (vertices, volumes, networks) is made once.
-
-    Attributes:
-        samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
-        counted: the counted answer or None; may be given as a function.
-        field: the scalar field that defines the shape, on its own grid, or None.
-        mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
-        name: what to call it in reports.
-        notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+    anew. What is made or counted from other tensors (vertices, volumes, networks) is made once. `Shape` describes
+    the attributes.
     """
 
     field: Field | None
@@ -126,11 +118,11 @@ class ShapeData:
     def _examinations(self) -> tuple[Examination, ...]:
         """The measurements of every batch item; made again if the tensors were changed in place."""
         versions, found = self.__dict__.get("_examined", (None, ()))
-        if versions != self.samples.versions():
+        current = self.samples.versions()
+        if versions != current:
             known_closed = self.field is None and self.counted is not None and self.counted.closed
-            versions = self.samples.versions()
             found = tuple(Examination(item, known_closed=known_closed) for item in self.samples.items())
-            self.__dict__["_examined"] = versions, found
+            self.__dict__["_examined"] = current, found
         return found
 
     def _only_examination(self) -> Examination:

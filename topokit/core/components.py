@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 Corner = tuple[float, float, float]
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Count = TypeVar("Count", int, NDArray[np.int64])
 
 
-def genus_of(euler: Integers, boundary_loops: Integers | int = 0, components: int = 1) -> Integers:
-    """Handles of an orientable surface, g = (2c − b − χ)/2, element by element."""
+def genus_of(euler: Count, boundary_loops: Count | int = 0, components: int = 1) -> Count:
+    """Handles of an orientable surface, g = (2c − b − χ)/2; of arrays element by element."""
     return (2 * components - boundary_loops - euler) // 2
 
 

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.labels import connected_labels
+from topokit.core.samples import enough_neighbors
 from topokit.errors import InputError
 
 _CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
@@ -30,8 +31,7 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
         InputError: if there are not more points than neighbors.
     """
     n_points = points.shape[-2]
-    if n_neighbors < 3:
-        raise InputError(f"n_neighbors is {n_neighbors}; at least 3 are needed to span a tangent plane.")
+    enough_neighbors(n_neighbors)
     if n_points <= n_neighbors:
         raise InputError(
             f"{n_points} points are too few for {n_neighbors} neighbors each: "

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from topokit.core.cloud.votes import Family, values_of
 from topokit.core.cloud.witness import Witness
-from topokit.core.components import SurfaceComponent
+from topokit.core.components import SurfaceComponent, genus_of
 from topokit.core.local.boundary import BoundaryEstimate
 from topokit.core.local.curvature import Curvature
 from topokit.core.local.gauss_bonnet import euler_by_component
@@ -60,7 +60,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     checks = cloud_checks(witness, found.boundary)
     n_surfaces = witness.components + witness.cavities
-    genus = n_surfaces - witness.euler // 2 if has_genus(witness) else None
+    genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
     sentences = check_sentences(checks, witness)
     return _report(
@@ -78,11 +78,11 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 
 def _open_report(found: Examination) -> TopologyReport:
     witness, curves = found.witness, found.boundary.curves
-    is_sheet = witness is None or is_open_sheet(found.boundary, witness)
+    is_solid = witness is not None and not is_open_sheet(found.boundary, witness)
     components = _cloud_components(found)
     return _report(
         found,
-        euler=round(found.estimate) if is_sheet or witness is None else witness.euler,
+        euler=witness.euler if witness is not None and is_solid else round(found.estimate),
         verdict="unsure",
         reasons=(_where_open(found.samples.points, found.curvature, found.boundary), *_refusal(found)),
         components=components,

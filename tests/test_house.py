@@ -19,6 +19,7 @@ FLOORS = [
     {"core"},
     {"report", "export"},
     {"shape_data"},
+    {"shape_differentiable"},
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},

@@ -1,0 +1,180 @@
+"""The differentiable questions to a shape: curvature and the Euler characteristic as a real number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
+from topokit.core.local.descent import Variable
+from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
+from topokit.core.local.voronoi import AreaMethod
+from topokit.core.local.weingarten import Solver
+from topokit.errors import InputError
+from topokit.report.examination import outward_samples, solid_eulers
+from topokit.shape_data import ShapeData
+
+
+class DifferentiableShape(ShapeData):
+    """The questions to a `topokit.Shape` whose answers are tensors with a gradient."""
+
+    def curvature(
+        self,
+        n_neighbors: int | None = None,
+        *,
+        solver: Solver = "sylvester",
+        area_method: AreaMethod = "exact",
+        area_resolution: int = 32,
+    ) -> Curvature:
+        """Gaussian, mean, total and principal curvature, directions and area at every sample.
+
+        Args:
+            n_neighbors: number of nearest neighbors; the shape's own by default.
+            solver: "sylvester", "symmetrized", "plain" or "commuting" (see `topokit.core.local.weingarten`).
+            area_method: "exact" or "monte-carlo" (see `topokit.core.local.voronoi`).
+            area_resolution: side of the Monte Carlo grid.
+
+        Returns:
+            `Curvature`, differentiable in whatever the shape was made from. H is positive where the surface bends
+            towards its inside; without oriented normals its sign is meaningless.
+        """
+        return self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+
+    def euler(
+        self,
+        n_neighbors: int | None = None,
+        *,
+        solver: Solver = "sylvester",
+        area_method: AreaMethod = "exact",
+        area_resolution: int = 32,
+    ) -> Tensor:
+        """χ⁽⁰⁾: the Euler characteristic estimated from curvature by Gauss–Bonnet, a differentiable real number.
+
+        χ⁽⁰⁾ = (1/2π) Σ K·A, plus the geodesic curvature of the boundary where the samples have one. It asks no witness:
+        `report().euler` is the integer, `refined_euler()` the estimate after self-optimization.
+
+        Args:
+            n_neighbors: number of nearest neighbors; the shape's own by default.
+            solver: as for `curvature`.
+            area_method: as for `curvature`.
+            area_resolution: as for `curvature`.
+
+        Returns:
+            0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from. The term of
+            the boundary is constant.
+
+        Reference:
+            Paper, equation `euler`.
+        """
+        local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+        return euler_characteristic(local.gaussian, local.area) + self._boundary_euler(local.area)
+
+    def refined_euler(
+        self,
+        target: Tensor | float | None = None,
+        n_neighbors: int | None = None,
+        *,
+        over: Sequence[Variable] = ("normals",),
+        step: Step = "polyak",
+        learning_rate: float = LEARNING_RATE,
+        max_steps: int | None = None,
+        tolerance: float = 1e-3,
+        solver: Solver = "sylvester",
+        area_method: AreaMethod = "exact",
+        area_resolution: int = 32,
+    ) -> Tensor:
+        """χ⁽ᴷ⁾: the Gauss–Bonnet estimate after self-optimization of the samples (Algorithm 2).
+
+        The gradient is that of the sum at the optimized samples with the corrections held fixed; the refined value
+        itself is nearly constant.
+
+        Args:
+            target: what χ must become, a number or (...). By default the counted integer, else that of the global
+                witness; without either (planes, lines, open sheets) nothing is optimized.
+            n_neighbors: number of nearest neighbors; the shape's own by default.
+            over: what may change: "normals", "points", "areas".
+            step: "polyak", or "gradient" for the paper's plain descent.
+            learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
+            max_steps: largest number of steps; 20 for "polyak" and 500 for "gradient" by default.
+            tolerance: distance from the target at which to stop.
+            solver: as for `curvature`.
+            area_method: as for `curvature`.
+            area_resolution: as for `curvature`.
+
+        Returns:
+            0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from.
+
+        Reference:
+            Paper, Section II-C and Algorithm 2, steps 8 and 9.
+        """
+        settings = self._settings(n_neighbors, solver, area_method, area_resolution)
+        local = self._curvature(settings)
+        boundary = self._boundary_euler(local.area)
+        goal = self._target(local.area) if target is None else torch.as_tensor(target).to(local.area)
+        if goal is None:
+            return euler_characteristic(local.gaussian, local.area) + boundary
+        oriented = outward_samples(self.samples, local.normals, self._examinations())
+        refinement = self_optimize(
+            oriented,
+            goal.expand(boundary.shape) - boundary,
+            settings=settings,
+            over=over,
+            step=step,
+            learning_rate=learning_rate,
+            max_steps=max_steps,
+            tolerance=tolerance,
+            neighbors=local.neighbors,
+        )
+        refined = surface_curvature(corrected(oriented, refinement, local.area), settings, neighbors=local.neighbors)
+        return euler_characteristic(refined.gaussian, refined.area) + boundary
+
+    def smoothed_euler(self, tau: float | None = None) -> Tensor:
+        """χ_τ: the Euler characteristic of the shape's field averaged over levels near its own.
+
+        This is the value whose gradient moves topology. It is computed on the field's own grid, in its connectivity.
+
+        Args:
+            tau: scale of the levels, in units of the field; see `topokit.core.grid.field.default_tau` for the default.
+                0 gives the exact integer of the grid, without a gradient.
+
+        Returns:
+            0-d tensor, differentiable for tau > 0 in whatever the field was made from.
+
+        Raises:
+            InputError: if the shape has no field, or tau is negative or not finite.
+        """
+        if self.field is None:
+            raise InputError(
+                f"{self.name} has no field, so it has no smoothed Euler characteristic: only shapes from from_sdf, "
+                "from_occupancy and from_voxels have one."
+            )
+        return self.field.smoothed_euler(tau)
+
+    def _settings(
+        self, n_neighbors: int | None, solver: Solver, area_method: AreaMethod, area_resolution: int
+    ) -> CurvatureSettings:
+        k = self.n_neighbors if n_neighbors is None else n_neighbors
+        return CurvatureSettings(k, solver, area_method, area_resolution)
+
+    def _curvature(self, settings: CurvatureSettings) -> Curvature:
+        """Curvature with the neighbors that the examination has found already, where those are enough."""
+        found = torch.stack([one.neighbors for one in self._examinations()])
+        k, neighbors = settings.n_neighbors, None
+        if k <= found.shape[-1]:
+            neighbors = found[..., :k].reshape(*self.samples.points.shape[:-1], k)
+        return surface_curvature(self.samples, settings, neighbors=neighbors)
+
+    def _boundary_euler(self, like: Tensor) -> Tensor:
+        """The boundary's share of χ, (...)."""
+        shares = [found.boundary.euler for found in self._examinations()]
+        return like.new_tensor(shares).reshape(self.samples.points.shape[:-2])
+
+    def _target(self, like: Tensor) -> Tensor | None:
+        """The integer of the count, else of the witness, 0-d or (...); None if there is neither."""
+        if self.counted is not None and self.counted.evidence.integer is not None:
+            return like.new_tensor(self.counted.evidence.integer)
+        eulers = solid_eulers(self._examinations())
+        return None if eulers is None else like.new_tensor(eulers).reshape(self.samples.points.shape[:-2])

@@ -16,7 +16,7 @@ from topokit.adapters.mesh.counting import count_mesh
 from topokit.adapters.mesh.files import read_mesh
 from topokit.adapters.mesh.polygons import triangles
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -35,7 +35,7 @@ def from_mesh(
     faces: Faces | None = None,
     *,
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """A triangle mesh as a shape whose report is exact.
@@ -53,7 +53,7 @@ def from_mesh(
         faces: vertex indices (F, 3), (F, n) with −1 after the last corner of smaller polygons, or lists of different
             lengths. Polygons are cut into fans.
         n_samples: number of samples for curvature and its estimate.
-        n_neighbors: number of nearest neighbors that curvature is computed from.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; one number is taken from it at once to seed the samples. Seed 0 if None.
 
     Raises:
@@ -68,7 +68,7 @@ def from_mesh(
         2
     """
     name, vertices, corners = _open(source, faces)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
     started = time.perf_counter()
     counted = count_mesh(vertices.detach().cpu().numpy().astype(np.float64), corners)
     seconds = time.perf_counter() - started

@@ -23,7 +23,7 @@ FLOORS = [
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"testing"},
+    {"testing", "batch"},
     {"cli"},
 ]
 CORE_FLOORS = [

@@ -193,7 +193,7 @@ def _check_value(adapter: str | None, name: str, value: str) -> None:
         try:
             parse_value(value, parameter)
         except ValueError as error:
-            expected.append(str(error))
+            expected += str(error).split(" or ")
         else:
             return
     if expected:

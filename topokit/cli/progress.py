@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 _NAME_WIDTH = 30  # letters of a file's name
-_NO_OTHER_BARS = (
-    "TTY_INTERACTIVE"  # rich's variable: "0" keeps its consoles, those of worker processes too, from drawing
-)
+_NO_OTHER_BARS = "TTY_INTERACTIVE"  # rich's variable; "0" keeps other consoles from drawing, also those of workers
 
 
 class Bar:

@@ -18,6 +18,7 @@ FLOORS = [
     {"inputs"},
     {"core"},
     {"report", "export"},
+    {"pages"},
     {"shape_data"},
     {"shape_differentiable"},
     {"shape"},

@@ -84,7 +84,7 @@ def page_of(
     return Fragment(
         facts=_facts(report),
         details=details_html(report, lines, note),
-        thumbnail=None if scene is None else _webp(picture_of(scene, _THUMBNAIL)),
+        thumbnail=None if scene is None else webp(picture_of(scene, _THUMBNAIL)),
         scene=None if scene is None else pack(scene),
     )
 
@@ -101,7 +101,8 @@ def _facts(report: TopologyReport) -> Facts:
     )
 
 
-def _webp(picture: NDArray[np.uint8]) -> bytes:
+def webp(picture: NDArray[np.uint8]) -> bytes:
+    """A picture (side, side, 3) as WebP."""
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "WEBP", quality=_QUALITY, method=4)
     return buffer.getvalue()

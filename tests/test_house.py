@@ -18,6 +18,7 @@ FLOORS = [
     {"inputs"},
     {"core"},
     {"report", "export"},
+    {"pages"},
     {"shape_data"},
     {"shape_differentiable"},
     {"shape"},
@@ -27,7 +28,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
 ]

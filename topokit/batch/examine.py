@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from topokit.errors import InputError, TopokitError
 from topokit.plugins.foreign_code import foreign_code
 
 if TYPE_CHECKING:
+    from topokit.pages import Fragment
     from topokit.report.report import TopologyReport
     from topokit.shape import Shape
 
@@ -65,12 +66,14 @@ class Questions:
         labels: of a labeled volume, "all" or some; None examines every file as one shape.
         details: as for `Shape.report`.
         with_report: whether the answers hold the reports.
+        with_page: whether the answers hold what an HTML page shows.
     """
 
     options: Options = Given()
     labels: Any = None
     details: bool = False
     with_report: bool = False
+    with_page: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,10 +83,12 @@ class Answer:
     Attributes:
         row: the values of `COLUMNS`; None where they are unknown.
         report: the report, if it was asked for and there is one.
+        fragment: its part of an HTML page, likewise.
     """
 
     row: Row
     report: TopologyReport | None = None
+    fragment: Fragment | None = None
 
     @property
     def error(self) -> str | None:
@@ -107,14 +112,23 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
         adapter, options = questions.options(source.path)
         for label, shape in _shapes(source.path, questions.labels, adapter, seeded(options)):
             with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
-                report = shape.report(details=questions.details)
-            row = report_row(report, shape) | {"file": source.name, "label": label, "adapter": adapter}
-            row["seconds"] = time.perf_counter() - started
-            answers.append(Answer(row, report if questions.with_report else None))
+                answer = _answer(shape, questions)
+            known = {"file": source.name, "label": label, "adapter": adapter, "seconds": time.perf_counter() - started}
+            answers.append(replace(answer, row=answer.row | known))
             started = time.perf_counter()
     except TopokitError as error:
         answers.append(failure(source, str(error), time.perf_counter() - started))
     return answers
+
+
+def _answer(shape: Shape, questions: Questions) -> Answer:
+    """What was asked for about one shape."""
+    report, fragment = shape.report(details=questions.details), None
+    if questions.with_page:
+        from topokit.pages import page_of
+
+        fragment = page_of(shape, report)
+    return Answer(report_row(report, shape), report if questions.with_report else None, fragment)
 
 
 def failure(source: Source, problem: str, seconds: float | None) -> Answer:
@@ -166,6 +180,12 @@ def _shapes(path: Path, labels: Any, adapter: str, options: Mapping[str, Any]) -
     if wrong := sorted(options.keys() - known.keys()):
         raise InputError(f"{path}: with labels there is no {', '.join(f'{name}=…' for name in wrong)}; leave it out.")
     yield from from_labels(path, labels, **options).items()
+
+
+def called(row: Row) -> str:
+    """What to call a row: its file, perhaps with its label."""
+    name: str = row["file"]
+    return name if row["label"] is None else f"{name}, label {row['label']}"
 
 
 def seeded(options: Mapping[str, Any]) -> dict[str, Any]:

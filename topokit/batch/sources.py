@@ -86,11 +86,11 @@ class _Finder:
             return
         for path in (folder / name for name in names if not name.startswith(".")):
             if path.is_dir() and not is_known(path, self.adapter):
-                if not path.is_symlink():
+                if not path.is_symlink():  # which may lead in a circle
                     self._add_folder(path)
-            elif path.is_file() and self._is_wanted(path):
+            elif path.is_dir() or (path.is_file() and self._is_wanted(path)):
                 self.sources.append(Source(path, str(path)))
-            else:
+            elif path.is_file():
                 self.passed_over.append(str(path))
 
     def _is_wanted(self, path: Path) -> bool:

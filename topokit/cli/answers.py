@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +12,14 @@ from typing import TextIO
 
 import typer
 
-from topokit.batch.examine import Answer, Questions
+from topokit.batch.examine import Answer, Questions, called
 from topokit.batch.sources import Sources
 from topokit.batch.survey import examine_each
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, sources_of
 from topokit.cli.writers import Writer
-from topokit.errors import TopokitError
+from topokit.errors import InputError, TopokitError
 from topokit.report.wording import plural
 
 MakeWriter = Callable[[TextIO, Sources], Writer]
@@ -34,6 +35,7 @@ def answer_files(
     details: bool = False,
     with_report: bool = True,
     output: Path | None = None,
+    html: Path | None = None,
     check: Callable[[Answer], Answer] = lambda answer: answer,
 ) -> None:
     """Write the answers about files and leave: exit code 1 if one of them failed or met a condition, else 0.
@@ -46,10 +48,23 @@ def answer_files(
         details: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
+        html: page to write besides.
         check: may turn an answer into a failure.
     """
-    questions = Questions(opener, request.labels, details, with_report)
+    questions = Questions(opener, request.labels, details, with_report, with_page=html is not None)
     has_failed = False
+
+    def shown(coming: Iterable[list[Answer]], writer: Writer, bar: Bar, is_terminal: bool) -> Iterator[Answer]:
+        nonlocal has_failed
+        for answers in coming:
+            for answer in map(_in_terms_of_the_shell, map(check, answers)):
+                _show(answer, writer, bar if is_terminal or answer.error else None, request.verbose)
+                has_failed = has_failed or answer.error is not None or _meets(answer, request)
+                yield answer
+            bar.advance()
+            if has_failed and not request.keep_going:
+                return
+
     with sources_of(files, request.format, opener.adapter) as found, _stream(output, found) as stream:
         _say_what_was_passed_over(found, request.verbose)
         with (
@@ -57,15 +72,26 @@ def answer_files(
             closing(make_writer(stream, found)) as writer,
             closing(examine_each(found.sources, questions, request.jobs)) as coming,
         ):
-            for answers in coming:
-                for answer in map(_in_terms_of_the_shell, map(check, answers)):
-                    _show(answer, writer, bar if stream.isatty() or answer.error else None, request.verbose)
-                    is_met = answer.error is None and any(meets(answer.row) for meets in request.conditions)
-                    has_failed = has_failed or is_met or answer.error is not None
-                bar.advance()
-                if has_failed and not request.keep_going:
-                    break
+            _write_page(shown(coming, writer, bar, stream.isatty()), html)
     raise typer.Exit(int(has_failed))
+
+
+def _meets(answer: Answer, request: Request) -> bool:
+    return answer.error is None and any(meets(answer.row) for meets in request.conditions)
+
+
+def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
+    """Take all answers, and write those to a page, if one is wanted."""
+    if html is None:
+        deque(answers, maxlen=0)
+        return
+    from topokit.pages import Entry, write_html
+
+    entries = (Entry(called(one.row), one.fragment, one.error, one.row["seconds"]) for one in answers)
+    try:
+        write_html(entries, html)
+    except InputError as error:  # about the name of the page, before anything is examined
+        raise typer.BadParameter(f"--html: {error}") from error
 
 
 def say(message: str) -> None:

@@ -9,19 +9,24 @@ from __future__ import annotations
 import json
 import warnings
 from pathlib import Path
-from typing import Annotated, Any, Literal, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
-from topokit.batch.examine import COLUMNS, Answer
+from topokit.batch.examine import COLUMNS, Answer, called
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
 from topokit.cli.encoding import use_encodable_letters
 from topokit.cli.forms import takes_form
-from topokit.cli.options import Opener, described_options, in_shell, opens_files
-from topokit.cli.request import Format, Request, examines_files, sources_of
+from topokit.cli.options import Opener, described_options, opens_files
+from topokit.cli.picture import picture
+from topokit.cli.request import Format, Request, examines_files
+from topokit.cli.single import convert
 from topokit.cli.writers import CsvWriter, Form, JsonLinesWriter, JsonWriter, TableWriter, TextWriter, Writer
-from topokit.errors import AdapterWarning, InputError, TopokitError
+from topokit.errors import AdapterWarning
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 app = typer.Typer(
     help="Curvature, Euler characteristic and genus of meshes, points, volumes, networks and splats.",
@@ -76,6 +81,9 @@ def report(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
     ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Also write one HTML file with a 3D view of every shape.")
+    ] = None,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
 
@@ -96,7 +104,7 @@ def report(
         return TextWriter(stream, lambda answer: f"{answer.report}\n")
 
     needs_report = form not in ("csv", "table")
-    answer_files(files, opener, request, writer, details=details, with_report=needs_report, output=output)
+    answer_files(files, opener, request, writer, details=details, with_report=needs_report, output=output, html=html)
 
 
 @app.command()
@@ -125,7 +133,7 @@ def _print_number(
     def check(answer: Answer) -> Answer:
         if answer.row[name] is not None or answer.report is None:
             return answer
-        error = f"{_called(answer)}: {missing}. {' '.join(answer.report.reasons)}"
+        error = f"{called(answer.row)}: {missing}. {' '.join(answer.report.reasons)}"
         empty = dict.fromkeys(COLUMNS) | _named(answer)
         return Answer(empty | {"error": error})
 
@@ -136,7 +144,7 @@ def _print_number(
 
     def writer(stream: TextIO, found: Sources) -> Writer:
         if form is None:
-            return TextWriter(stream, lambda it: f"{it.row[name]}\t{it.row['verdict']}\t{_called(it)}")
+            return TextWriter(stream, lambda it: f"{it.row[name]}\t{it.row['verdict']}\t{called(it.row)}")
         return (JsonWriter if form == "json" else JsonLinesWriter)(stream, record)
 
     answer_files(files, opener, request, writer, check=check)
@@ -152,20 +160,15 @@ def curvature(
     color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
 ) -> None:
     """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
-    from topokit.export.ply import save_ply
 
-    with sources_of([file], format, opener.adapter) as found:
-        if len(found.sources) != 1:
-            raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
-        source = found.sources[0]
-        try:
-            if output.exists() and source.path.exists() and output.samefile(source.path):
-                raise InputError(f"{output} is the file to read; name another one to write.")
-            n_written = save_ply(opener.open(source.path), output, color_by)
-        except TopokitError as error:
-            say(in_shell(str(error).replace(str(source.path), source.name), source.name))
-            raise typer.Exit(1) from error
-    typer.echo(f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area")
+    def write(shape: Shape) -> str:
+        n_written = shape.save_ply(output, color_by)
+        return f"{n_written} points with gaussian, mean, total, k_min, k_max and area"
+
+    convert(file, output, format, opener, write)
+
+
+app.command()(picture)
 
 
 @app.command()
@@ -200,12 +203,6 @@ def demo() -> None:
     mesh, cloud = tk.from_mesh(genus_mesh(3)), tk.from_points(torus_samples(10_000).points)
     typer.echo(f"{mesh.replace(name='a genus-3 mesh').report()}\n")
     typer.echo(f"{cloud.replace(name='a torus as an unoriented point cloud').report()}\n")
-
-
-def _called(answer: Answer) -> str:
-    """What to call a shape: its file, perhaps with its label."""
-    row = answer.row
-    return row["file"] if row["label"] is None else f"{row['file']}, label {row['label']}"
 
 
 def _named(answer: Answer) -> dict[str, Any]:

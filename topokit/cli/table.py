@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
-from topokit.batch.examine import Row
+from topokit.batch.examine import Row, called
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,7 +57,7 @@ class Table:
             titles.stylize("bold")
             self._print(titles)
             self._has_title = True
-        self._print(self._line(_called(row), {column.name: _cell(row, column) for column in self._columns}))
+        self._print(self._line(called(row), {column.name: _cell(row, column) for column in self._columns}))
 
     def _line(self, name: str, cells: dict[str, str]) -> Text:
         from rich.text import Text
@@ -82,10 +82,6 @@ def _fitting(room: int) -> tuple[_Column, ...]:
 
 def _width(columns: Sequence[_Column]) -> int:
     return sum(len(_GAP) + column.width for column in columns)
-
-
-def _called(row: Row) -> str:
-    return row["file"] if row["label"] is None else f"{row['file']}, label {row['label']}"
 
 
 def _cell(row: Row, column: _Column) -> str:

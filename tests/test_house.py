@@ -18,16 +18,17 @@ FLOORS = [
     {"inputs"},
     {"core"},
     {"report", "export"},
+    {"pages"},
     {"shape_data"},
     {"shape_differentiable"},
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"testing"},
+    {"testing", "batch"},
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
 ]

@@ -5,17 +5,22 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from topokit.core.cloud.downsampling import Criterion
+from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
 from topokit.report.report import TopologyReport, known_genus
+from topokit.report.surface import reported_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
     import trimesh
+    from PIL import Image
 
     from topokit.export.colors import Quantity
+    from topokit.pages.single import View
 
 
 class Shape(DifferentiableShape):
@@ -81,6 +86,43 @@ class Shape(DifferentiableShape):
                 raise one.refusal
         return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
 
+    def surface(self) -> trimesh.Trimesh:
+        """The closed surface as triangles, facing outward, with V − E + F equal to `report().euler`.
+
+        The surface is checked before it is returned: every edge has two faces, every vertex one fan, and the count is
+        the reported one. Vertices are not differentiable.
+
+        Raises:
+            InputError: if the surface is open or not a manifold, or no closed surface with the reported integer was
+                found; the message says which.
+        """
+        from topokit.export.trimesh import as_trimesh
+
+        return as_trimesh(reported_surface(self))
+
+    def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
+        """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
+
+        Args:
+            n_samples: number of samples to keep, at most.
+            by: "feature-size": densely where the surface bends or an opposite sheet is near (with outward normals, both
+                sides of a thin wall are kept, however coarsely); "curvature": where it bends; "even": everywhere alike.
+
+        Returns:
+            A `Shape` with the normals and frames of the samples that are kept and the summed areas of those that they
+            stand for; differentiable at a fixed choice. Deterministic.
+
+        Raises:
+            InputError: if the samples are batched, or too few are wanted for the shape's number of neighbors.
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_samples
+            >>> tk.from_points(torus_samples(20_000).points).downsample(2000).samples.n_points <= 2000
+            True
+        """
+        return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
+
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.
 
@@ -100,3 +142,50 @@ class Shape(DifferentiableShape):
         from topokit.export.ply import save_ply
 
         return save_ply(self, path, color_by)
+
+    def picture(
+        self, side: int = 600, *, eye: tuple[float, float, float] = (0.9, -1.3, 1.0), locate: bool = False
+    ) -> Image.Image:
+        """A picture of the shape, colored by Gaussian curvature, made on the CPU without a display.
+
+        A mesh is drawn as it is, a volume or network as its level set, anything else as its samples.
+
+        Args:
+            side: pixels of the square.
+            eye: direction from the shape to the viewer; z is up.
+            locate: whether to draw the handles, tunnels, boundaries and defects of the report as lines.
+
+        Raises:
+            InputError: if the samples are batched.
+        """
+        from topokit.pages.single import picture
+
+        return picture(self, side, eye=eye, locate=locate)
+
+    def save_html(self, path: str | os.PathLike[str]) -> None:
+        """Write the report with a 3D view as one HTML file that needs nothing else.
+
+        Args:
+            path: file to write, called .html or .htm; it appears when it is complete.
+
+        Raises:
+            InputError: if the file is not called .html or .htm, or its folder does not exist; or if the samples are
+                batched.
+        """
+        from topokit.pages.single import save_page
+
+        save_page(self, path)
+
+    def show(self) -> View | None:
+        """Show the page that `save_html` writes: in a notebook below the cell, elsewhere in a tab of the browser."""
+        from topokit.pages.single import show
+
+        return show(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a picture and the report, as far as neither takes long to make."""
+        from topokit.pages.single import shape_html
+
+        known = self.__dict__
+        report = self.report() if known.get("counted") is not None else None
+        return shape_html(self, report, draw=report is not None or "samples" in known)

@@ -30,6 +30,7 @@ CORE_FLOORS = [
     {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
+    {"handles"},
 ]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "rich", "typer")
 MODULES = sorted(path for path in ROOT.rglob("*.py") if path.stem not in ("__init__", "__main__"))

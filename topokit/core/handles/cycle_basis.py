@@ -1,4 +1,4 @@
-"""A basis of the first homology of closed oriented surfaces, by tree–cotree decomposition."""
+"""A basis of the first homology of a closed oriented surface, by tree–cotree decomposition."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class EdgeGraph:
 
     Attributes:
         faces: (F, 3), consistently oriented.
-        n_vertices: number of vertices, used or not.
+        n_vertices: number of vertices.
         tails, heads: (E,) vertices.
         left, right: (E,) faces.
         lengths: (E,) positive.
@@ -45,7 +45,7 @@ class EdgeGraph:
     @cached_property
     def matrix(self) -> csr_array:
         """Lengths as a symmetric sparse matrix over the vertices."""
-        return _symmetric(self.tails, self.heads, self.lengths, self.n_vertices)
+        return symmetric(self.tails, self.heads, self.lengths, self.n_vertices)
 
     @cached_property
     def _keys(self) -> tuple[Integers, Integers]:
@@ -105,33 +105,25 @@ def edge_graph(vertices: Floats, faces: Integers, mesh: MeshConnectivity | None 
     return EdgeGraph(faces, len(vertices), tails, heads, left // 3, right // 3, np.maximum(lengths, floor))
 
 
-def cycle_basis(graph: EdgeGraph, face_labels: Integers) -> CycleBasis:
-    """Cut every component open along a tree of shortest paths and a dual tree of the faces.
+def cycle_basis(graph: EdgeGraph) -> CycleBasis:
+    """Cut a surface open along a tree of shortest paths and a dual tree of the faces.
 
     Of the edges outside the first tree the dual one prefers those that close long loops, so that the edges left over
-    close short ones: from each root it is the shortest system of loops.
+    close short ones: it is the shortest system of loops through the root.
 
     Args:
-        graph: of a closed oriented mesh.
-        face_labels: (F,) component of each face, 0 … c−1.
-
-    Returns:
-        The basis; the loops of a component are next to each other.
+        graph: of a connected, closed and oriented mesh in which every vertex is used.
 
     Reference:
         Eppstein, Dynamic generators of topologically embedded graphs, SODA 2003; Erickson and Whittlesey, Greedy
         optimal homotopy and homology generators, SODA 2005.
     """
-    first_faces = np.unique(face_labels, return_index=True)[1]
-    distances, parents, _ = shortest_paths(graph.matrix, graph.faces[first_faces, 0])
+    distances, parents, _ = shortest_paths(graph.matrix, graph.faces[:1, 0])
     is_tree = (parents[graph.heads] == graph.tails) | (parents[graph.tails] == graph.heads)
     outside = np.flatnonzero(~is_tree)
     loop_lengths = (distances[graph.tails] + graph.lengths + distances[graph.heads])[outside]
     cotree, crossed = _cotree(graph, outside[np.argsort(-loop_lengths, kind="stable")])
-    crossed = crossed[np.argsort(face_labels[graph.left[crossed]], kind="stable")]
-    return CycleBasis(
-        graph, crossed, _tree_loops(graph, parents, crossed), _crossings(graph, cotree, crossed, first_faces)
-    )
+    return CycleBasis(graph, crossed, _tree_loops(graph, parents, crossed), _crossings(graph, cotree, crossed))
 
 
 def shortest_paths(matrix: csr_array, roots: Integers) -> tuple[Floats, Integers, Integers]:
@@ -140,7 +132,8 @@ def shortest_paths(matrix: csr_array, roots: Integers) -> tuple[Floats, Integers
     return distances, np.maximum(parents.astype(np.int64), -1), nearest.astype(np.int64)
 
 
-def _symmetric(first: Integers, second: Integers, weights: Floats, size: int) -> csr_array:
+def symmetric(first: Integers, second: Integers, weights: Floats, size: int) -> csr_array:
+    """A symmetric sparse matrix from its entries on one side of the diagonal."""
     rows, columns = np.concatenate((first, second)), np.concatenate((second, first))
     return coo_array((np.concatenate((weights, weights)), (rows, columns)), shape=(size, size)).tocsr()
 
@@ -167,11 +160,11 @@ def _tree_loops(graph: EdgeGraph, parents: Integers, crossed: Integers) -> csr_a
     return _summed(rows, edges, signs, (len(crossed), len(graph.tails)))
 
 
-def _crossings(graph: EdgeGraph, cotree: Integers, crossed: Integers, roots: Integers) -> csr_array:
+def _crossings(graph: EdgeGraph, cotree: Integers, crossed: Integers) -> csr_array:
     """Dual loops: across edge i from right to left, and back through the faces of the cotree."""
     n_faces = len(graph.faces)
     left, right = graph.left[cotree], graph.right[cotree]
-    _, parents, _ = shortest_paths(_symmetric(left, right, np.ones(len(cotree)), n_faces), roots)
+    _, parents, _ = shortest_paths(symmetric(left, right, np.ones(len(cotree)), n_faces), np.zeros(1, dtype=np.int64))
     is_left_child = parents[left] == right
     edge_above = np.full(n_faces, -1)
     edge_above[np.where(is_left_child, left, right)] = cotree

@@ -20,45 +20,39 @@ _PAIRS = 1 << 21  # candidate pairs of segments held at once
 _DIRECTIONS = 3  # projections tried before a surface is taken to intersect itself
 
 
-def outside_projector(vertices: Floats, basis: CycleBasis, face_labels: Integers) -> Integers | None:
+def outside_projector(vertices: Floats, basis: CycleBasis) -> Integers | None:
     """The matrix P with x P = 0 for classes that bound inside and x P = x for classes that bound outside.
 
-    Entry (i, j) is, up to sign, the linking number of basis loop i with dual loop j pushed outward off its component.
+    Entry (i, j) is, up to sign, the linking number of basis loop i with dual loop j pushed outward off the surface.
     A loop bounds inside if it links no loop outside. Pushed inward instead, dual loop j links loop j once more and no
     other, which gives P − I, and a loop bounds outside if it links no loop inside. Every class is the sum of one that
     bounds inside and one that bounds outside, so P is a projector. That also checks it: P² = P and a trace equal to
     the genus leave no room for a misjudged crossing.
 
-    Components are looked at one by one, as if the others were not there.
-
     Args:
         vertices: (V, 3).
-        basis: of closed surfaces that are oriented outward, or all against it.
-        face_labels: (F,) component of each face.
+        basis: of a closed surface; the inside is where its normals do not point.
 
     Returns:
-        (2g, 2g), or None if there is no such matrix because a component intersects itself.
+        (2g, 2g), or None if there is no such matrix because the surface intersects itself.
 
     Reference:
         Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (linking numbers tell the kinds of loops apart).
     """
-    labels = face_labels[basis.graph.left[basis.crossed]]
-    same = labels[:, None] == labels
     for rotation in Rotation.random(_DIRECTIONS, np.random.default_rng(0)):
-        crossed = crossing_numbers(rotation.apply(vertices), basis, face_labels)
-        linking = np.where(same, (basis.loops @ crossed @ basis.crossings).toarray(), 0)
-        if is_projector(linking, labels):
+        crossed = crossing_numbers(rotation.apply(vertices), basis)
+        linking = (basis.loops @ crossed @ basis.crossings).toarray()
+        if is_projector(linking):
             return linking
     return None
 
 
-def is_projector(matrix: Integers, labels: Integers) -> bool:
-    """Whether P² = P and every component's block has half of its size as its trace."""
-    traces = np.bincount(labels, matrix.diagonal())
-    return bool((2 * traces == np.bincount(labels)).all() and (matrix @ matrix == matrix).all())
+def is_projector(matrix: Integers) -> bool:
+    """Whether P² = P with half of its size as its trace."""
+    return bool(2 * np.trace(matrix) == len(matrix) and (matrix @ matrix == matrix).all())
 
 
-def crossing_numbers(points: Floats, basis: CycleBasis, face_labels: Integers) -> csr_array:
+def crossing_numbers(points: Floats, basis: CycleBasis) -> csr_array:
     """Signed crossings (E, E) of the edges of loops under the arcs of dual loops, seen along z.
 
     The arc of an edge leads from the center of the face on its right through its midpoint to the center of the face on
@@ -66,8 +60,7 @@ def crossing_numbers(points: Floats, basis: CycleBasis, face_labels: Integers) -
 
     Args:
         points: (V, 3) vertices in general position to the direction of view.
-        basis: of closed oriented surfaces.
-        face_labels: (F,) component of each face.
+        basis: of a closed oriented surface.
     """
     graph, size = basis.graph, len(basis.graph.tails)
     edges = np.flatnonzero(np.bincount(basis.loops.indices, minlength=size))
@@ -82,7 +75,6 @@ def crossing_numbers(points: Floats, basis: CycleBasis, face_labels: Integers) -
     for edge, half in _overlapping(tails, heads, begin, end):
         own, face = edges[edge], faces[half]
         apart = (graph.left[own] != face) & (graph.right[own] != face)
-        apart &= face_labels[graph.left[own]] == face_labels[face]
         edge, half = edge[apart], half[apart]
         signs = _passes_over(begin[half], end[half], tails[edge], heads[edge])
         passed = np.flatnonzero(signs)

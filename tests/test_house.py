@@ -27,7 +27,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},

@@ -10,6 +10,7 @@ from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
 from topokit.report.report import TopologyReport, known_genus
+from topokit.report.surface import reported_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
@@ -80,6 +81,20 @@ class Shape(DifferentiableShape):
             if one.refusal is not None:
                 raise one.refusal
         return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
+
+    def surface(self) -> trimesh.Trimesh:
+        """The closed surface as triangles, facing outward, with V − E + F equal to `report().euler`.
+
+        The surface is checked before it is returned: every edge has two faces, every vertex one fan, and the count is
+        the reported one. Vertices are not differentiable.
+
+        Raises:
+            InputError: if the surface is open or not a manifold, or no closed surface with the reported integer was
+                found; the message says which.
+        """
+        from topokit.export.trimesh import as_trimesh
+
+        return as_trimesh(reported_surface(self))
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.

@@ -17,12 +17,14 @@ from .errors import (
     TopokitError,
     UnknownFormatError,
 )
+from .handle import Handle
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .report.report import CountedAnswer, Evidence, TopologyReport
+from .repair.topology import fill_boundaries, simplify_topology
 from .shape import Shape
 
 __version__: str
@@ -36,6 +38,7 @@ __all__ = [
     "Evidence",
     "GaussianSplats",
     "GenusError",
+    "Handle",
     "InputError",
     "MissingDependencyError",
     "ReadError",
@@ -47,6 +50,7 @@ __all__ = [
     "TopologyReport",
     "UnknownFormatError",
     "euler_loss",
+    "fill_boundaries",
     "from_mesh",
     "from_occupancy",
     "from_points",
@@ -58,6 +62,7 @@ __all__ = [
     "losses",
     "refresh_adapters",
     "register_adapter",
+    "simplify_topology",
     "testing",
     "topology_loss",
 ]

@@ -88,6 +88,22 @@ class CycleBasis:
         edges, signs = self.graph.between(loop, np.roll(loop, -1))
         return np.asarray(signs @ self.crossings[edges]).ravel()
 
+    @cached_property
+    def intersections(self) -> Integers:
+        """How often basis loop i crosses basis loop j (2g, 2g), signed; determinant 1.
+
+        The dual loops' own numbers are the cup products of their crossings, summed over faces as those of closed forms.
+        They are the dual loops' classes, too, because loop i crosses dual loop i once and no other.
+        """
+        faces = self.graph.faces
+        steps = []
+        for corner in (0, 1):
+            edges, signs = self.graph.between(faces[:, corner], faces[:, corner + 1])
+            steps.append(self.crossings[edges].multiply(signs[:, None]).tocsr())
+        products = (steps[0].T @ steps[1]).toarray()
+        classes = (products - products.T) // 2
+        return np.rint(np.linalg.inv(classes.T)).astype(np.int64)
+
 
 def edge_graph(vertices: Floats, faces: Integers, mesh: MeshConnectivity | None = None) -> EdgeGraph:
     """The edges of a closed mesh.

@@ -18,6 +18,7 @@ FLOORS = [
     {"inputs"},
     {"core"},
     {"report", "export"},
+    {"pages"},
     {"shape_data", "handle"},
     {"shape_differentiable"},
     {"shape"},
@@ -32,7 +33,7 @@ CORE_FLOORS = [
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},
 ]
-HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "rich", "typer")
+HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "potpourri3d", "rich", "typer")
 MODULES = sorted(path for path in ROOT.rglob("*.py") if path.stem not in ("__init__", "__main__"))
 
 

@@ -11,6 +11,7 @@ import typer
 
 from topokit.cli.answers import Answer, answer_each
 from topokit.cli.options import Opener, opens_files
+from topokit.cli.picture import picture
 from topokit.errors import AdapterWarning, InputError
 
 app = typer.Typer(
@@ -117,6 +118,9 @@ def curvature(
         return {}, f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
 
     answer_each([file], answer)
+
+
+app.command()(picture)
 
 
 @app.command()

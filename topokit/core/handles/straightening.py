@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from topokit.core.mesh.connectivity import mesh_connectivity
 
@@ -36,13 +39,13 @@ def straightened(vertices: Floats, faces: Integers, loops: list[Integers]) -> li
     return [_on_strip(vertices, faces, loop) for loop in loops]
 
 
-def _solver(vertices: Floats, faces: Integers):  # type: ignore[no-untyped-def]
+def _solver(vertices: Floats, faces: Integers) -> Any:
     import potpourri3d
 
     return potpourri3d.EdgeFlipGeodesicSolver(vertices, faces)
 
 
-def _geodesic(solver, loop: Integers) -> Floats:  # type: ignore[no-untyped-def]
+def _geodesic(solver: Any, loop: Integers) -> Floats:
     return np.asarray(solver.find_geodesic_loop(loop.tolist()))[:-1]
 
 
@@ -80,6 +83,4 @@ def _leans_on(polygon: Floats, border: Floats) -> bool:
     """Whether any corner of the polygon is a border vertex."""
     if len(border) == 0:
         return False
-    from scipy.spatial import cKDTree
-
     return bool((cKDTree(border).query(polygon)[0] == 0).any())

@@ -14,6 +14,7 @@ from topokit.core.handles.cycle_basis import CycleBasis, symmetric
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
+Parents = NDArray[np.signedinteger]  # of 32 or 64 bits
 
 _KEY_BITS = 40  # of random numbers: two classes share a key with a chance of 2⁻⁴⁰, and chosen loops are checked exactly
 
@@ -134,9 +135,7 @@ def candidates(graph: AnnotatedGraph, root: int, limit: float = np.inf) -> Candi
     return Candidates(parents, near[some], lengths, keys[some])
 
 
-
-
-def closed_by(graph: AnnotatedGraph, parents: Integers, edge: int) -> tuple[Integers, Integers]:
+def closed_by(graph: AnnotatedGraph, parents: Parents, edge: int) -> tuple[Integers, Integers]:
     """The loop that an edge closes in a tree: its nodes (N,), and the edge from each to the next.
 
     Args:
@@ -155,7 +154,7 @@ def closed_by(graph: AnnotatedGraph, parents: Integers, edge: int) -> tuple[Inte
     return nodes, edges
 
 
-def path_to_root(parents: Integers, node: int) -> list[int]:
+def path_to_root(parents: Parents, node: int) -> list[int]:
     """Nodes from one of a tree to its root."""
     path = [node]
     while (above := int(parents[path[-1]])) >= 0:

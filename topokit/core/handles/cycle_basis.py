@@ -73,12 +73,14 @@ class CycleBasis:
 
     Attributes:
         graph: of the edges.
+        parents: (V,) the vertex before each in the tree, −1 at the root.
         crossed: (2g,) the edge of each loop that is in neither tree.
         loops: (2g, E) signed edges of each loop.
         crossings: (E, 2g) how often each dual loop crosses each edge from right to left.
     """
 
     graph: EdgeGraph
+    parents: Integers
     crossed: Integers
     loops: csr_array
     crossings: csr_array
@@ -139,7 +141,7 @@ def cycle_basis(graph: EdgeGraph) -> CycleBasis:
     outside = np.flatnonzero(~is_tree)
     loop_lengths = (distances[graph.tails] + graph.lengths + distances[graph.heads])[outside]
     cotree, crossed = _cotree(graph, outside[np.argsort(-loop_lengths, kind="stable")])
-    return CycleBasis(graph, crossed, _tree_loops(graph, parents, crossed), _crossings(graph, cotree, crossed))
+    return CycleBasis(graph, parents, crossed, _tree_loops(graph, parents, crossed), _crossings(graph, cotree, crossed))
 
 
 def shortest_paths(matrix: csr_array, roots: Integers) -> tuple[Floats, Integers, Integers]:

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.handles.annotated_graph import AnnotatedGraph, Candidates, annotated, candidates, closed_by
+from topokit.core.handles.annotated_graph import (
+    AnnotatedGraph,
+    Candidates,
+    Parents,
+    annotated,
+    candidates,
+    closed_by,
+    path_to_root,
+)
 from topokit.core.handles.coarsening import coarsened
 from topokit.core.handles.cover import cover
 from topokit.core.handles.cycle_basis import CycleBasis
@@ -43,7 +51,7 @@ class Walk:
     """A loop as the edge that closes it in a tree; `own_edges` names the edges of the graph below, if there is one."""
 
     graph: AnnotatedGraph
-    parents: NDArray[np.int32]
+    parents: Parents
     edge: int
     own_edges: Integers | None
 
@@ -63,13 +71,16 @@ def short_loops(basis: CycleBasis, projector: Integers) -> tuple[list[SurfaceLoo
     roots = _roots_on(search.chosen(), graph.cells)
     for root in np.setdiff1d(list(roots), starts):
         search.look_through(int(root), roots[root] / 2 * _SLACK)
-    inside, outside = search.chosen()
-    for side, loops in enumerate((inside, outside)):
+    for side in (0, 1):
         for root in starts:
-            if 2 * len(loops) < len(projector):
-                search.look_through_cover(int(root), side)
-                loops[:] = search.chosen()[side]
-    return tuple(sorted(map(search.tightened, loops), key=_length) for loops in (inside, outside))
+            if search.is_complete(side):
+                break
+            search.look_through_cover(int(root), side)
+    inside, outside = search.chosen()
+    inside += search.walks_to_complete(inside, 0)
+    outside += search.walks_to_complete(outside, 1)
+    inside, outside = ([search.tightened(loop) for loop in loops] for loops in (inside, outside))
+    return sorted(inside, key=_length), sorted(outside, key=_length)
 
 
 def _length(loop: SurfaceLoop) -> float:
@@ -126,6 +137,38 @@ class _Search:
                 if lattices[side].add(own):
                     loops[side].append(SurfaceLoop(self._lifted(walk), length, own))
         return loops
+
+    def is_complete(self, side: int) -> bool:
+        """Whether the candidates suffice for a basis of one side."""
+        return 2 * len(self.chosen()[side]) == len(self._projector)
+
+    def walks_to_complete(self, loops: list[SurfaceLoop], side: int) -> list[SurfaceLoop]:
+        """Closed walks that complete the basis of one side, put together from loops of the tree through its root.
+
+        They meet themselves, so that no mesh can be cut along them; straightening makes curves of them nonetheless.
+        """
+        lattice = PrimitiveBasis(len(self._projector))
+        for loop in loops:
+            lattice.add(loop.own_class)
+        classes = self._projector if side else np.eye(len(self._projector), dtype=np.int64) - self._projector
+        graph, found = self._basis.graph, []
+        for own in classes:
+            if 2 * lattice.count < len(classes) and lattice.add(own):
+                walk = self._tree_walk(own)
+                edges = graph.between(walk, np.roll(walk, -1))[0]
+                found.append(SurfaceLoop(walk, float(graph.lengths[edges].sum()), own))
+        return found
+
+    def _tree_walk(self, own: Integers) -> Integers:
+        """A closed walk of a class, along the loops of the tree one after the other."""
+        graph, parents = self._basis.graph, self._basis.parents
+        walk: list[int] = []
+        for index in np.flatnonzero(own):
+            edge = self._basis.crossed[index]
+            forth = path_to_root(parents, int(graph.tails[edge]))[::-1]
+            loop = forth + path_to_root(parents, int(graph.heads[edge]))[:-1]
+            walk += abs(int(own[index])) * (loop if own[index] > 0 else loop[:1] + loop[:0:-1])
+        return np.array(walk)
 
     def _class(self, name: int, walk: Walk) -> Integers:
         """The exact class of the first walk that had this name."""

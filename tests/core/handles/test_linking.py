@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from knotted_tube import knotted_tube
 from numpy.typing import NDArray
 
 import topokit as tk
@@ -122,21 +123,11 @@ def test_known_loops_of_a_torus_and_of_the_torus_turned_inside_out() -> None:
 
 def test_a_knotted_tube_is_bounded_outside_by_the_one_longitude_that_does_not_link_it() -> None:
     around, tube = 120, 8
-    t = np.arange(around) * 2 * np.pi / around
-    core = np.stack((np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)), axis=1)
-    ahead = np.roll(core, -1, axis=0) - np.roll(core, 1, axis=0)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    up = np.array([0, 0, 1.0]) - ahead[:, 2:] * ahead
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    sideways = np.cross(ahead, up)
-    angle = np.arange(tube) * 2 * np.pi / tube
-    ring = np.cos(angle)[None, :, None] * up[:, None] + np.sin(angle)[None, :, None] * sideways[:, None]
-    vertices = (core[:, None] + 0.25 * ring).reshape(-1, 3)
-    mesh = vertices, torus_mesh(around, tube)[1]
+    mesh, core = knotted_tube(around, tube)
     basis, projector = solved(mesh)
     meridian, longitude = np.arange(tube), np.arange(around) * tube
     assert side(basis, projector, meridian) == "inside"
-    linking = round(gauss_linking(vertices[longitude], core + 1e-9))
+    linking = round(gauss_linking(mesh[0][longitude], core))
     assert abs(linking) == 3, "the blackboard framing of a trefoil with three crossings"
     assert side(basis, projector, longitude) == "neither"
     turns = np.arange(-4, 5)[:, None]

@@ -65,12 +65,6 @@ def test_flipped_duplicate_and_degenerate_faces() -> None:
     assert [one.faces.tolist() for one in kinds["degenerate faces"]] == [[len(faces)]]
 
 
-def test_a_face_folded_onto_its_neighbor_intersects_it() -> None:
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.5, 0.3, 0]])
-    for faces in ([[0, 1, 2], [1, 0, 3]], [[0, 1, 2], [0, 1, 3]]):
-        assert [one.faces.tolist() for one in found(vertices, np.array(faces))["self-intersection"]] == [[0, 1]]
-
-
 def test_non_manifold_edges_and_pinched_vertices_are_where_they_are() -> None:
     vertices = np.array([[0.0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, -1], [1, 0, -1]])
     book = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])

@@ -18,12 +18,13 @@ FLOORS = [
     {"inputs"},
     {"core"},
     {"report", "export"},
+    {"pages"},
     {"shape_data"},
     {"shape_differentiable"},
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"testing"},
+    {"testing", "batch"},
     {"cli"},
 ]
 CORE_FLOORS = [

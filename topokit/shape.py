@@ -18,8 +18,10 @@ from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
     import trimesh
+    from PIL import Image
 
     from topokit.export.colors import Quantity
+    from topokit.pages.single import View
 
 
 class Shape(DifferentiableShape):
@@ -147,3 +149,50 @@ class Shape(DifferentiableShape):
         from topokit.export.ply import save_ply
 
         return save_ply(self, path, color_by)
+
+    def picture(
+        self, side: int = 600, *, eye: tuple[float, float, float] = (0.9, -1.3, 1.0), locate: bool = False
+    ) -> Image.Image:
+        """A picture of the shape, colored by Gaussian curvature, made on the CPU without a display.
+
+        A mesh is drawn as it is, a volume or network as its level set, anything else as its samples.
+
+        Args:
+            side: pixels of the square.
+            eye: direction from the shape to the viewer; z is up.
+            locate: whether to draw the handles, tunnels, boundaries and defects of the report as lines.
+
+        Raises:
+            InputError: if the samples are batched.
+        """
+        from topokit.pages.single import picture
+
+        return picture(self, side, eye=eye, locate=locate)
+
+    def save_html(self, path: str | os.PathLike[str]) -> None:
+        """Write the report with a 3D view as one HTML file that needs nothing else.
+
+        Args:
+            path: file to write, called .html or .htm; it appears when it is complete.
+
+        Raises:
+            InputError: if the file is not called .html or .htm, or its folder does not exist; or if the samples are
+                batched.
+        """
+        from topokit.pages.single import save_page
+
+        save_page(self, path)
+
+    def show(self) -> View | None:
+        """Show the page that `save_html` writes: in a notebook below the cell, elsewhere in a tab of the browser."""
+        from topokit.pages.single import show
+
+        return show(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a picture and the report, as far as neither takes long to make."""
+        from topokit.pages.single import shape_html
+
+        known = self.__dict__
+        report = self.report() if known.get("counted") is not None else None
+        return shape_html(self, report, draw=report is not None or "samples" in known)

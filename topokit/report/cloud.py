@@ -44,14 +44,13 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     else:
         report = _closed_report(found, witness)
     votes = vote_evidence(witness) if witness is not None else ()
-    deciding = report.reasons if report.verdict == "unsure" else ()
-    supporting = () if deciding else report.reasons
+    deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     started = time.perf_counter()
     estimate = Evidence("Gauss–Bonnet", found.estimate, None, time.perf_counter() - started)
     return replace(
         report,
         name=name,
-        reasons=(*deciding, *notes, *supporting, _curvature_sentence(found)),
+        reasons=(*deciding, *notes, *others, _curvature_sentence(found)),
         evidence=(estimate, *votes),
         estimate=estimate.value,
     )
@@ -62,12 +61,14 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
-    sentences = check_sentences(checks, witness)
+    sentences = check_sentences(checks, witness)  # failed checks first, each with a sentence
+    n_deciding = sum(not check.passed for check in checks) or len(sentences)
     return _report(
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
         reasons=(*sentences, *preparation_sentences(witness)),
+        n_deciding=n_deciding,
         components=components,
         n_components=n_surfaces,
         genus=genus,
@@ -85,6 +86,7 @@ def _open_report(found: Examination) -> TopologyReport:
         euler=witness.euler if witness is not None and is_solid else round(found.estimate),
         verdict="unsure",
         reasons=(_where_open(found.samples.points, found.curvature, found.boundary), *_refusal(found)),
+        n_deciding=1,
         components=components,
         n_components=len(components),
         boundary_loops=len(curves),
@@ -92,12 +94,13 @@ def _open_report(found: Examination) -> TopologyReport:
 
 
 def _without_solid(found: Examination) -> TopologyReport:
-    components = _cloud_components(found)
+    components, reasons = _cloud_components(found), _refusal(found)
     return _report(
         found,
         euler=round(found.estimate),
         verdict="unsure",
-        reasons=_refusal(found),
+        reasons=reasons,
+        n_deciding=len(reasons),
         components=components,
         n_components=len(components),
     )
@@ -111,6 +114,7 @@ def _report(
     reasons: tuple[str, ...],
     components: Sequence[SurfaceComponent],
     n_components: int,
+    n_deciding: int,
     genus: int | None = None,
     cavities: int | None = None,
     boundary_loops: int | None = None,
@@ -135,6 +139,7 @@ def _report(
         solid=None,
         resolution=_SMALLEST * found.boundary.spacing if witness is None else witness.resolution,
         per_component=components,
+        n_deciding=n_deciding,
     )
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
 from topokit.errors import InputError
+from topokit.handle import Handle, handles_of
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
@@ -129,6 +132,28 @@ class Shape(DifferentiableShape):
         if find is None:
             raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
         return find(self_intersections)
+
+    def handles(self) -> tuple[Handle, ...]:
+        """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
+
+        There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
+        closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
+
+        Raises:
+            InputError: if there is no closed surface (see `surface`), or it intersects itself.
+
+        Reference:
+            Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_mesh
+            >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
+            >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
+            (2.5, 3.8)
+        """
+        surface = self.surface()
+        return handles_of(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64))
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.

@@ -28,7 +28,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -19,6 +20,7 @@ from topokit.adapters.mesh.polygons import triangles
 from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.mesh.defects import mesh_defects
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -80,7 +82,8 @@ def from_mesh(
     if sampling not in get_args(Sampling):
         raise InputError(f"sampling is {sampling!r}; expected one of {', '.join(map(repr, get_args(Sampling)))}.")
     started = time.perf_counter()
-    counted = count_mesh(vertices.detach().cpu().numpy().astype(np.float64), corners)
+    positions = vertices.detach().cpu().numpy().astype(np.float64)
+    counted = count_mesh(positions, corners)
     seconds = time.perf_counter() - started
     answer = mesh_answer(counted.topology, seconds, exact_vertices=counted.exact_vertices)
     used = torch.from_numpy(counted.topology.faces).to(vertices.device)
@@ -89,7 +92,15 @@ def from_mesh(
     def samples() -> SurfaceSamples:
         return _samples(vertices, used, n_samples, sampling, torch.Generator().manual_seed(seed))
 
-    return Shape(samples, answer, mesh=(vertices, used), name=name, notes=counted.notes, n_neighbors=n_neighbors)
+    return Shape(
+        samples,
+        answer,
+        defects=partial(mesh_defects, positions, counted.faces),
+        mesh=(vertices, used),
+        name=name,
+        notes=counted.notes,
+        n_neighbors=n_neighbors,
+    )
 
 
 def _samples(

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.cloud.cut_surface import CutSurface
 from topokit.core.cloud.votes import SampleQuality, Vote
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
 Preparation = Literal["whole", "sampled", "averaged"]
 
@@ -66,7 +66,7 @@ class Witness:
         spacing: typical distance between the used points, in units of length; of a large cloud the median.
         resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented.
+        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
         preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
             features are small) or "averaged" (too noisy for that: even samples, each averaged over its neighbors).
     """
@@ -85,7 +85,7 @@ class Witness:
     spacing: float
     resolution: float
     seconds: dict[str, float]
-    faces: Integers
+    surface: CutSurface | None
     preparation: Preparation = "whole"
 
     @property

@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.cloud.axes import surface_axes
-from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex, separating_faces
+from topokit.core.cloud.cut_surface import cut_surface
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex
 from topokit.core.cloud.dense import (
     MOST_POINTS,
     SAMPLES,
@@ -145,6 +146,7 @@ def global_witness(
     look, preparation, used_points = _look(cloud)
     components, cavities = count_parts(look.complex_, look.cut.inside)
     euler, agreement = tally(look.votes)
+    surface = cut_surface(look.complex_, look.cut.inside, euler)
     quality = look.quality
     witness = Witness(
         euler=euler,
@@ -164,7 +166,7 @@ def global_witness(
             "orientation": look.turned - start,
             "votes": time.perf_counter() - look.turned,
         },
-        faces=kept[look.kept][separating_faces(look.complex_, look.cut.inside)],
+        surface=replace(surface, points=kept[look.kept][surface.points]),
         preparation=preparation,
     )
     return _second_look(witness, used_points) if may_smooth else witness
@@ -267,7 +269,7 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
         components=again.components,
         cavities=again.cavities,
         resolution=witness.resolution * _WIDE**0.5,
-        faces=witness.faces[:0],
+        surface=None,
     )
 
 

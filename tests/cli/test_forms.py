@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from rich.text import Text
 from typer.testing import CliRunner, Result
 
@@ -241,3 +242,14 @@ def test_a_table_on_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
             assert max(map(len, lines)) <= width
             assert "шар.ply  likely" in lines[1]
             assert ("…" in lines[1]) == (width < 120)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/command-line.md", "docs/recipes.md"])
+def test_commands_of_the_documentation_have_these_options(page: str) -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    text = (DATA.parents[1] / page).read_text(encoding="utf-8")
+    lines = re.findall(r"(?:^|`|\| )topokit ([a-z]+)\b([^`#\n]*)", text, re.MULTILINE)
+    assert lines
+    for name, rest in lines:
+        known = {flag for parameter in commands[name].params for flag in (*parameter.opts, *parameter.secondary_opts)}
+        assert set(re.findall(r"(?<= )--?[a-z][a-z-]*", rest)) <= known, (name, rest)

@@ -24,7 +24,7 @@ FLOORS = [
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"testing"},
+    {"testing", "batch"},
     {"cli"},
 ]
 CORE_FLOORS = [

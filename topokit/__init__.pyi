@@ -5,6 +5,8 @@ from .adapters.points.adapter import from_points
 from .adapters.splats.adapter import from_splats
 from .adapters.splats.gaussians import GaussianSplats
 from .adapters.voxels.adapter import from_voxels
+from .adapters.voxels.labels import from_labels
+from .batch.survey import survey
 from .core.local.curvature import Curvature
 from .core.samples import SurfaceSamples
 from .errors import (
@@ -47,6 +49,7 @@ __all__ = [
     "TopologyReport",
     "UnknownFormatError",
     "euler_loss",
+    "from_labels",
     "from_mesh",
     "from_occupancy",
     "from_points",
@@ -58,6 +61,7 @@ __all__ = [
     "losses",
     "refresh_adapters",
     "register_adapter",
+    "survey",
     "testing",
     "topology_loss",
 ]

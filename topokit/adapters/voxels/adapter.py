@@ -82,13 +82,9 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, file_spacing = "voxels", None
-    if isinstance(volume, str | os.PathLike):
-        path = existing_file(volume)
-        name, (volume, file_spacing) = path.name, read_volume(path)
-    values = _as_volume(volume)
+    name, values, steps = open_volume(volume, spacing)
     x, y, z = values.shape
-    grid = Grid((x, y, z), _as_spacing(file_spacing if spacing is None else spacing), _as_position(origin))
+    grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
     check_sample_count(n_samples, n_neighbors)
     level = None if level is None else _as_number("level", level)
@@ -163,6 +159,17 @@ def _count(field: VoxelField) -> CountedAnswer:
     return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
 
 
+def open_volume(
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None
+) -> tuple[str, Tensor, Spacing]:
+    """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
+    name, file_spacing = "voxels", None
+    if isinstance(volume, str | os.PathLike):
+        path = existing_file(volume)
+        name, (volume, file_spacing) = path.name, read_volume(path)
+    return name, _as_volume(volume), _as_spacing(file_spacing if spacing is None else spacing)
+
+
 def _as_volume(volume: object) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
     if values.ndim != 3 or values.numel() == 0:
@@ -182,7 +189,8 @@ def _as_spacing(spacing: float | Spacing | None) -> Spacing:
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
-def _as_position(origin: Corner) -> Corner:
+def as_position(origin: Corner) -> Corner:
+    """Three finite numbers, or an `InputError`."""
     try:
         x, y, z = (float(value) for value in origin)
     except (TypeError, ValueError) as error:

@@ -5,12 +5,18 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.defects import Defect
+from topokit.errors import InputError
+from topokit.handle import Handle, handles_of
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
 from topokit.report.report import TopologyReport, known_genus
-from topokit.report.surface import reported_surface
+from topokit.report.surface import checked_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
@@ -96,7 +102,58 @@ class Shape(DifferentiableShape):
         """
         from topokit.export.trimesh import as_trimesh
 
-        return as_trimesh(reported_surface(self))
+        return as_trimesh(checked_surface(self.report(), self._surface_found()))
+
+    def boundaries(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first; none if it is closed.
+
+        Those of a mesh run along its edges with one face. Those of a cloud run through its samples and are found only
+        if they are longer than about twenty sample spacings.
+
+        Raises:
+            InputError: if the samples are batched, or a function's level set is cut by its box.
+        """
+        return self._boundary_found()
+
+    def defects(self, *, self_intersections: bool = True) -> tuple[Defect, ...]:
+        """What is wrong with the mesh, and where: one record for each place.
+
+        Non-manifold edges, pinched vertices, self-intersections, flipped, duplicate and degenerate faces, tiny
+        components and cavities. The faces are rows of `shape.mesh[1]`.
+
+        Args:
+            self_intersections: whether to look for faces that cross each other; this takes longest, and needs libigl.
+
+        Raises:
+            InputError: if the shape was not made from a mesh.
+            MissingDependencyError: if self-intersections are wanted and libigl is not installed.
+        """
+        find = self.__dict__["_find_defects"]
+        if find is None:
+            raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
+        return find(self_intersections)
+
+    def handles(self) -> tuple[Handle, ...]:
+        """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
+
+        There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
+        closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
+
+        Raises:
+            InputError: if there is no closed surface (see `surface`), or it intersects itself.
+
+        Reference:
+            Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_mesh
+            >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
+            >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
+            (2.5, 3.8)
+        """
+        surface = self.surface()
+        return handles_of(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64))
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.

@@ -179,10 +179,11 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
 
 def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
-    if len(witness.faces) == 0:
+    surface = witness.surface
+    if surface is None or len(surface.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu().double().numpy()
-    topology = mesh_topology(vertices, witness.faces)
+    vertices: NDArray[np.float64] = points.cpu().double().numpy()[surface.points]
+    topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from topokit.adapters.mesh.files import read_mesh
 from topokit.adapters.mesh.polygons import triangles
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.mesh.defects import mesh_defects
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -70,7 +72,8 @@ def from_mesh(
     name, vertices, corners = _open(source, faces)
     check_sample_count(n_samples, n_neighbors)
     started = time.perf_counter()
-    counted = count_mesh(vertices.detach().cpu().numpy().astype(np.float64), corners)
+    positions = vertices.detach().cpu().numpy().astype(np.float64)
+    counted = count_mesh(positions, corners)
     seconds = time.perf_counter() - started
     answer = mesh_answer(counted.topology, seconds, exact_vertices=counted.exact_vertices)
     used = torch.from_numpy(counted.topology.faces).to(vertices.device)
@@ -79,7 +82,15 @@ def from_mesh(
     def samples() -> SurfaceSamples:
         return sample_triangles(vertices, used, n_samples, torch.Generator().manual_seed(seed))[0]
 
-    return Shape(samples, answer, mesh=(vertices, used), name=name, notes=counted.notes, n_neighbors=n_neighbors)
+    return Shape(
+        samples,
+        answer,
+        defects=partial(mesh_defects, positions, counted.faces),
+        mesh=(vertices, used),
+        name=name,
+        notes=counted.notes,
+        n_neighbors=n_neighbors,
+    )
 
 
 def _open(source: object, faces: object) -> tuple[str, Tensor, NDArray[np.int64]]:

@@ -25,7 +25,9 @@ from topokit.core.grid.euler import (
 )
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.level_surface import level_surface
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file
@@ -99,6 +101,7 @@ def from_voxels(
     return Shape(
         lambda: volume_samples(field.detached(), grid, n_samples, torch.Generator().manual_seed(seed)),
         lambda: _count(field),
+        surface=field.surface,
         field=field,
         name=name,
         notes=notes,
@@ -138,6 +141,10 @@ class VoxelField(Field):
         if self.label is not None:
             return surface_euler(self.inside(), 0, connectivity)
         return surface_euler(self.volume.detach(), self.level, connectivity)
+
+    def surface(self) -> TriangleSurface:
+        """The closed surface as triangles, in the field's own connectivity."""
+        return level_surface(self.detached(), self.grid, self.connectivity)
 
     def _is_inside(self, voxels: Tensor) -> Tensor:
         return voxels == self.label if self.label is not None else voxels.detach() > self.level

@@ -14,7 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.core.cloud.delaunay_cut import DelaunayComplex, count_parts, delaunay_complex, separating_faces
+from topokit.core.cloud.cut_surface import CutSurface, cut_surface
+from topokit.core.cloud.delaunay_cut import DelaunayComplex, count_parts, delaunay_complex
 from topokit.core.cloud.downsampling import MOST_POINTS, downsample, spread_signs
 from topokit.core.cloud.neighborhoods import (
     LocalGeometry,
@@ -92,7 +93,7 @@ class Witness:
         spacing: typical distance between the used points, in units of length.
         resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented.
+        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
     """
 
     euler: int
@@ -109,7 +110,7 @@ class Witness:
     spacing: float
     resolution: float
     seconds: dict[str, float]
-    faces: Integers
+    surface: CutSurface | None
 
     @property
     def is_downsampled(self) -> bool:
@@ -176,6 +177,7 @@ def global_witness(
     votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
     components, cavities = count_parts(complex_, cut.inside)
     euler, agreement = tally(votes)
+    surface = cut_surface(complex_, cut.inside, euler)
     voted = time.perf_counter()
     spacing = float(np.sqrt(weights.mean())) * cloud.unit_length
     witness = Witness(
@@ -193,7 +195,7 @@ def global_witness(
         spacing=spacing,
         resolution=spacing * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
         seconds={"orientation": turned - start, "votes": voted - turned, "signs": time.perf_counter() - voted},
-        faces=cloud.kept[separating_faces(complex_, cut.inside)],
+        surface=replace(surface, points=cloud.kept[surface.points]),
     )
     return _second_look(witness, cloud.points) if may_smooth else witness
 
@@ -252,7 +254,7 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
         components=again.components,
         cavities=again.cavities,
         resolution=witness.resolution * _WIDE**0.5,
-        faces=witness.faces[:0],
+        surface=None,
     )
 
 

@@ -26,6 +26,7 @@ from topokit.core.cloud.neighborhoods import (
 )
 from topokit.core.cloud.orientation import check_normals, orient_samples
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_votes, tally
+from topokit.core.cloud.wires import WireReading, read_wire
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
@@ -92,7 +93,10 @@ class Witness:
         spacing: typical distance between the used points, in units of length.
         resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented.
+        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented; none if
+            the integer is that of another reading.
+        wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
+            everywhere, else None.
     """
 
     euler: int
@@ -110,6 +114,7 @@ class Witness:
     resolution: float
     seconds: dict[str, float]
     faces: Integers
+    wire: WireReading | None = None
 
     @property
     def is_downsampled(self) -> bool:
@@ -170,7 +175,9 @@ def global_witness(
     start = time.perf_counter()
     cloud = _prepare(points, normals, areas)
     local = local_geometry(cloud.points, cloud.areas)
-    signs, outward, complex_ = _outward(cloud, local, oriented)
+    wire = read_wire(cloud.points)
+    read = time.perf_counter()
+    signs, outward, complex_ = _outward(cloud, local, oriented, wire)
     turned = time.perf_counter()
     weights = compatible_areas(outward, local) if areas is None else local.areas
     votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
@@ -192,9 +199,18 @@ def global_witness(
         n_used=len(cloud.kept),
         spacing=spacing,
         resolution=spacing * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
-        seconds={"orientation": turned - start, "votes": voted - turned, "signs": time.perf_counter() - voted},
+        seconds={
+            "wire": read - start,
+            "orientation": turned - read,
+            "votes": voted - turned,
+            "signs": time.perf_counter() - voted,
+        },
         faces=cloud.kept[separating_faces(complex_, cut.inside)],
     )
+    if wire is not None:
+        return replace(
+            witness, euler=wire.euler, components=wire.components, cavities=0, faces=witness.faces[:0], wire=wire
+        )
     return _second_look(witness, cloud.points) if may_smooth else witness
 
 
@@ -206,7 +222,9 @@ def _prepare(points: Tensor, normals: Tensor | None, areas: Tensor | None) -> _C
     return _Cloud(positions, given, unit_length, kept, kept_areas)
 
 
-def _outward(cloud: _Cloud, local: LocalGeometry, oriented: bool) -> tuple[Signs, Floats, DelaunayComplex]:
+def _outward(
+    cloud: _Cloud, local: LocalGeometry, oriented: bool, wire: WireReading | None
+) -> tuple[Signs, Floats, DelaunayComplex]:
     """Outward normals (M, 3) of the used points, where their signs came from, and the tetrahedra built on the way."""
     source: SignSource = "none" if cloud.normals is None else "axes"
     confirmed = None
@@ -218,6 +236,9 @@ def _outward(cloud: _Cloud, local: LocalGeometry, oriented: bool) -> tuple[Signs
             source, sign = ("given", 1.0) if kind == "outward" else ("reversed", -1.0)
             return Signs(source, confirmed, None), sign * given, complex_
         source = "contradictory"
+    if wire is not None:
+        outward = wire.normals if given is None else _signed(given, wire.normals)
+        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacing)
     found = orient_samples(cloud.points, local)
     outward = found.normals if given is None else _signed(given, found.normals)
     return Signs(source, confirmed, found.coverage), outward, found.complex_

@@ -47,6 +47,7 @@ class CountedAnswer:
         reasons: sentences with their numbers.
         resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.
         further: additional evidence.
+        n_deciding: how many of the first reasons decided the verdict.
     """
 
     evidence: Evidence
@@ -57,6 +58,7 @@ class CountedAnswer:
     reasons: tuple[str, ...]
     resolution: float | None = None
     further: tuple[Evidence, ...] = ()
+    n_deciding: int = 1
 
 
 @dataclass(frozen=True)
@@ -76,13 +78,14 @@ class TopologyReport:
         closed: whether the surface is closed, as far as its samples show.
         verdict: "certain" is proven by counting; "likely" means that independent evidence agrees; "unsure" means that
             it does not, that there is too little of it, or that the surface is open.
-        reasons: sentences with their numbers; those that decided an "unsure" come first.
+        reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
         estimate: the Gauss–Bonnet estimate χ⁽⁰⁾, or None if it was not computed.
         refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
         solid: the solid that a mesh encloses by winding number, or None if it was not computed.
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
+        n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
     """
 
     name: str
@@ -102,6 +105,7 @@ class TopologyReport:
     solid: EnclosedSolid | None
     resolution: float | None
     per_component: Sequence[SurfaceComponent]
+    n_deciding: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
@@ -125,7 +129,15 @@ class TopologyReport:
                 f"bounding a solid of {plural(solids, 'component')} with {plural(tunnels, 'tunnel')} and "
                 f"{plural(cavities, 'cavity', 'cavities')}"
             )
-        return "\n".join([", ".join(parts), *(f"  - {reason}" for reason in self.reasons)])
+        marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
+        lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
+        return "\n".join([", ".join(parts), *lines])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from topokit.report.html import notebook_html
+
+        return notebook_html(self)
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ surface is twice that. Only clouds that look one-dimensional everywhere are read
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,7 @@ class WireReading:
         narrowness: median ratio of the second to the first variance of the largest neighborhoods; zero for a curve.
         n_stray: points left out because they are far from all others.
         normals: (N, 3), unit, away from the local center line; zero on it.
+        seconds: time that the reading took.
     """
 
     euler: int
@@ -61,6 +63,7 @@ class WireReading:
     narrowness: float
     n_stray: int
     normals: Floats
+    seconds: float
 
 
 def read_wire(points: Floats) -> WireReading | None:
@@ -69,6 +72,7 @@ def read_wire(points: Floats) -> WireReading | None:
     Args:
         points: (N, 3), distinct, not in a plane.
     """
+    started = time.perf_counter()
     narrowness = segment_narrowness(points)
     if min(narrowness, default=1.0) > _NARROW:
         return None
@@ -90,6 +94,7 @@ def read_wire(points: Floats) -> WireReading | None:
         narrowness=narrowness[-1],
         n_stray=len(points) - len(kept),
         normals=_away_from_center_line(points),
+        seconds=time.perf_counter() - started,
     )
 
 

@@ -24,11 +24,11 @@ FLOORS = [
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},
-    {"testing", "repair"},
+    {"testing", "batch", "repair"},
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface"},
+    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},

@@ -5,6 +5,8 @@ from .adapters.points.adapter import from_points
 from .adapters.splats.adapter import from_splats
 from .adapters.splats.gaussians import GaussianSplats
 from .adapters.voxels.adapter import from_voxels
+from .adapters.voxels.labels import from_labels
+from .batch.survey import survey
 from .core.local.curvature import Curvature
 from .core.samples import SurfaceSamples
 from .errors import (
@@ -51,6 +53,7 @@ __all__ = [
     "UnknownFormatError",
     "euler_loss",
     "fill_boundaries",
+    "from_labels",
     "from_mesh",
     "from_occupancy",
     "from_points",
@@ -63,6 +66,7 @@ __all__ = [
     "refresh_adapters",
     "register_adapter",
     "simplify_topology",
+    "survey",
     "testing",
     "topology_loss",
 ]

@@ -5,15 +5,20 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from topokit.core.cloud.downsampling import Criterion
+from topokit.core.cloud.fewer_samples import fewer_samples
 import numpy as np
 
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.defects import Defect
+from topokit.errors import InputError
 from topokit.handle import Handle, handles_of
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
 from topokit.report.report import TopologyReport, known_genus
-from topokit.report.surface import reported_surface
+from topokit.report.surface import checked_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
@@ -99,7 +104,59 @@ class Shape(DifferentiableShape):
         """
         from topokit.export.trimesh import as_trimesh
 
-        return as_trimesh(reported_surface(self))
+        return as_trimesh(checked_surface(self.report(), self._surface_found()))
+
+    def boundaries(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first; none if it is closed.
+
+        Those of a mesh run along its edges with one face. Those of a cloud run through its samples and are found only
+        if they are longer than about twenty sample spacings.
+
+        Raises:
+            InputError: if the samples are batched, or a function's level set is cut by its box.
+        """
+        return self._boundary_found()
+
+    def defects(self, *, self_intersections: bool = True) -> tuple[Defect, ...]:
+        """What is wrong with the mesh, and where: one record for each place.
+
+        Non-manifold edges, pinched vertices, self-intersections, flipped, duplicate and degenerate faces, tiny
+        components and cavities. The faces are rows of `shape.mesh[1]`.
+
+        Args:
+            self_intersections: whether to look for faces that cross each other; this takes longest, and needs libigl.
+
+        Raises:
+            InputError: if the shape was not made from a mesh.
+            MissingDependencyError: if self-intersections are wanted and libigl is not installed.
+        """
+        find = self.__dict__["_find_defects"]
+        if find is None:
+            raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
+        return find(self_intersections)
+
+    def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
+        """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
+
+        Args:
+            n_samples: number of samples to keep, at most.
+            by: "feature-size": densely where the surface bends or an opposite sheet is near (with outward normals, both
+                sides of a thin wall are kept, however coarsely); "curvature": where it bends; "even": everywhere alike.
+
+        Returns:
+            A `Shape` with the normals and frames of the samples that are kept and the summed areas of those that they
+            stand for; differentiable at a fixed choice. Deterministic.
+
+        Raises:
+            InputError: if the samples are batched, or too few are wanted for the shape's number of neighbors.
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_samples
+            >>> tk.from_points(torus_samples(20_000).points).downsample(2000).samples.n_points <= 2000
+            True
+        """
+        return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
 
     def handles(self) -> tuple[Handle, ...]:
         """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.

@@ -6,17 +6,25 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from topokit.core.grid.field import Field
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.boundary_loops import mesh_boundary
+from topokit.core.mesh.defects import Defect
 from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.examination import Examination
 from topokit.report.report import CountedAnswer
 
 UNNAMED = "shape"
+_NOT_PICKLED = ("_make_samples", "_make_counted", "_examined")
+FindDefects = Callable[[bool], tuple[Defect, ...]]
+"""The faults of what a shape was made from; told whether to look for self-intersections, too."""
 
 
 class ShapeData:
@@ -38,13 +46,23 @@ class ShapeData:
         samples: SurfaceSamples | Callable[[], SurfaceSamples],
         counted: CountedAnswer | Callable[[], CountedAnswer | None] | None = None,
         *,
+        surface: Callable[[], TriangleSurface] | None = None,
+        defects: FindDefects | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
         n_neighbors: int = DEFAULT_NEIGHBORS,
     ) -> None:
-        own: dict[str, Any] = {"field": field, "mesh": mesh, "name": name, "notes": notes, "n_neighbors": n_neighbors}
+        own: dict[str, Any] = {
+            "_make_surface": surface,
+            "_find_defects": defects,
+            "field": field,
+            "mesh": mesh,
+            "name": name,
+            "notes": notes,
+            "n_neighbors": n_neighbors,
+        }
         own["_make_samples" if callable(samples) else "samples"] = samples
         own["_make_counted" if callable(counted) else "counted"] = counted
         if not callable(samples):
@@ -59,8 +77,8 @@ class ShapeData:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples and the counted answer instead of the functions that make them."""
-        names = ("samples", "counted", "field", "mesh", "name", "notes", "n_neighbors")
-        return {name: getattr(self, name) for name in names}
+        made = {"samples": self.samples, "counted": self.counted}
+        return {name: value for name, value in self.__dict__.items() if name not in _NOT_PICKLED} | made
 
     def __repr__(self) -> str:
         known = self.__dict__
@@ -133,8 +151,39 @@ class ShapeData:
             )
         return self._examinations()[0]
 
+    def _surface_found(self) -> TriangleSurface | None:
+        """The closed surface as triangles, not compared with the report; None if there is none."""
+        make: Callable[[], TriangleSurface] | None = self.__dict__["_make_surface"]
+        if make is not None:
+            return make()
+        if self.mesh is not None:
+            vertices, faces = (part.detach().cpu().numpy() for part in self.mesh)
+            return TriangleSurface(vertices.astype(np.float64), faces).compact()
+        witness = self._only_examination().witness
+        if witness is None or witness.surface is None:
+            return None
+        points = self.samples.points.detach().cpu().double().numpy()
+        return TriangleSurface(points[witness.surface.points], witness.surface.faces)
+
+    def _boundary_found(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first."""
+        if self.mesh is not None:
+            vertices, faces = (part.detach().cpu().numpy() for part in self.mesh)
+            return mesh_boundary(vertices.astype(np.float64), faces)
+        if self.counted is not None:
+            if self.counted.closed:
+                return ()
+            raise InputError(
+                f"{self.name} is cut by the box in which it was looked for, and its curves there are not traced: pass "
+                "larger bounds."
+            )
+        found = self._only_examination()
+        points = found.samples.points.cpu().double().numpy()
+        return tuple(BoundaryLoop.through(points, curve.index.numpy()) for curve in found.boundary.curves)
+
     def _with(self, samples: SurfaceSamples, mesh: tuple[Tensor, Tensor] | None) -> Self:
         """A copy with other samples; a counted answer that is not known yet stays so."""
         counted = self.__dict__.get("counted", self.__dict__.get("_make_counted"))
         own = {key: getattr(self, key) for key in ("field", "name", "notes", "n_neighbors")}
+        own |= {"surface": self.__dict__["_make_surface"], "defects": self.__dict__["_find_defects"]}
         return type(self)(samples, counted, mesh=mesh, **own)

@@ -169,7 +169,7 @@ class DifferentiableShape(ShapeData):
 
     def _boundary_euler(self, like: Tensor) -> Tensor:
         """The boundary's share of χ, (...)."""
-        shares = [found.boundary.euler for found in self._examinations()]
+        shares = [found.part.boundary.euler for found in self._examinations()]
         return like.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 
     def _target(self, like: Tensor) -> Tensor | None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from topokit.cli.answers import Answer, answer_each
 from topokit.cli.options import Opener, opens_files
-from topokit.errors import InputError
+from topokit.cli.request import Format
+from topokit.cli.single import convert
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 _SUFFIXES = (".png", ".webp", ".jpg", ".jpeg")
 
@@ -19,6 +22,7 @@ def picture(
     file: Annotated[Path, typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Picture to write (.png, .webp or .jpg).")],
     opener: Opener,
+    format: Format = None,
     side: Annotated[int, typer.Option("--side", min=16, max=4096, help="Pixels along the square.")] = 600,
     eye: Annotated[
         tuple[float, float, float], typer.Option("--eye", help="Direction from the shape to the viewer; z is up.")
@@ -27,12 +31,12 @@ def picture(
 ) -> None:
     """Draw a file, colored by Gaussian curvature; no display is needed."""
 
-    def answer(path: Path) -> Answer:
-        if output.suffix.lower() not in _SUFFIXES:
-            raise InputError(f"{output}: a picture must be called {', '.join(_SUFFIXES)}.")
-        if not output.parent.is_dir():
-            raise InputError(f"{output}: the folder {output.parent} does not exist.")
-        opener(path).picture(side, eye=eye, locate=locate).save(output)
-        return {}, f"{output}: {side} x {side} pixels"
+    def write(shape: Shape) -> str:
+        shape.picture(side, eye=eye, locate=locate).save(output)
+        return f"{side} x {side} pixels"
 
-    answer_each([file], answer)
+    if output.suffix.lower() not in _SUFFIXES:
+        raise typer.BadParameter(f"-o {output}: a picture must be called {', '.join(_SUFFIXES)}.")
+    if not output.parent.is_dir():
+        raise typer.BadParameter(f"-o {output}: the folder {output.parent} does not exist.")
+    convert(file, output, format, opener, write)

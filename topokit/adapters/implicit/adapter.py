@@ -150,7 +150,15 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
     seed = deferred_seed(settings.generator)
     surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed)
     field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
-    return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)
+    return Shape(
+        surface.samples,
+        surface.answer,
+        surface=surface.triangles,
+        field=field,
+        name=name,
+        notes=notes,
+        n_neighbors=settings.n_neighbors,
+    )
 
 
 def _probes(bounds: Bounds) -> torch.Tensor:

@@ -1,0 +1,40 @@
+"""Commands that make one file of another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from topokit.cli.answers import say
+from topokit.cli.options import Opener, in_shell
+from topokit.cli.request import sources_of
+from topokit.errors import InputError, TopokitError
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+
+def convert(file: Path, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
+    """Open a file, write what is made of its shape, and say so; exit code 1 if that fails.
+
+    Args:
+        file: to read; - is standard input.
+        output: file to write, which must be another one.
+        format: of standard input.
+        opener: opens the file.
+        write: writes the output, and returns what to say about it.
+    """
+    with sources_of([file], format, opener.adapter) as found:
+        if len(found.sources) != 1:
+            raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
+        source = found.sources[0]
+        try:
+            if output.exists() and source.path.exists() and output.samefile(source.path):
+                raise InputError(f"{output} is the file to read; name another one to write.")
+            typer.echo(f"{output}: {write(opener.open(source.path))}")
+        except TopokitError as error:
+            say(in_shell(str(error).replace(str(source.path), source.name), source.name))
+            raise typer.Exit(1) from error

@@ -87,7 +87,9 @@ def compare(folder: Path) -> None:
         else:
             loops = theirs["lengths"][0]
             print(f"{'':19s} meshlib: {theirs['seconds']:6.1f} s, {theirs['gib']:.2f} GiB, ", end="")
-            print(f"{len(loops)} loops, {sum(loops):.2f} in all; ratio of times {ours['seconds'] / theirs['seconds']:.2f}")
+            print(
+                f"{len(loops)} loops, {sum(loops):.2f} in all; ratio of times {ours['seconds'] / theirs['seconds']:.2f}"
+            )
         assert len(inside) == len(outside) == GENUS
         assert ours["seconds"] <= MOST_SECONDS, f"{ours['seconds']:.0f} s, at most {MOST_SECONDS:.0f} were asked"
         assert ours["gib"] <= MOST_GIB, f"{ours['gib']:.1f} GiB, at most {MOST_GIB:.0f} were asked"

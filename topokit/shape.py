@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from topokit.core.cloud.downsampling import Criterion
-from topokit.core.cloud.fewer_samples import fewer_samples
 import numpy as np
 
+from topokit.core.cloud.downsampling import Criterion
+from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
 from topokit.errors import InputError

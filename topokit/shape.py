@@ -44,7 +44,8 @@ class Shape(DifferentiableShape):
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`. None, the default, takes
+            20; for `curvature` more where the samples are noisy.
     """
 
     def genus(self) -> int:

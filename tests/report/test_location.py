@@ -94,9 +94,9 @@ def test_loops_are_written_as_edges_of_a_ply(torus: Location, bowl: Location, tm
     assert lengths[:n_first].sum() == pytest.approx(torus.handles[0].handle_length)
     assert lengths[n_first:].sum() == pytest.approx(torus.handles[0].tunnel_length)
     assert len({tuple(row) for row in np.stack([written["edge"][c] for c in ("red", "green", "blue")], 1)}) == 2
-    assert save_loops(bowl, tmp_path / "bowl.ply") == 2  # the boundary, and a vertex for the defect
+    assert save_loops(bowl, tmp_path / "bowl.ply") == 2  # the boundary, and the corners of the flipped face
     bowl_ply = PlyData.read(str(tmp_path / "bowl.ply"))
-    assert len(bowl_ply["vertex"].data) == len(bowl_ply["edge"].data) + 1
+    assert len(bowl_ply["vertex"].data) == len(bowl_ply["edge"].data) + 3
 
 
 def test_loops_are_written_as_lines_of_a_gltf(torus: Location, tmp_path: Path) -> None:

@@ -10,9 +10,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from topokit.errors import InputError
-from topokit.export.picture import LINE_COLORS
-from topokit.export.scene import Line
+from topokit.export.colors import Floats
+from topokit.export.picture import MARK_COLORS
+from topokit.export.scene import MarkKind
 from topokit.inputs.ply import write_ply
+
+Curve = tuple[MarkKind, str, Floats, bool | None]
+"""What it marks, its name, its points, and whether it is closed; None for points that are not joined."""
 
 
 class Located(Protocol):
@@ -34,7 +38,7 @@ def save_loops(location: Located, path: str | os.PathLike[str]) -> int:
     Args:
         location: of a report, `shape.report(locate=True).location`.
         path: file to write. A `.ply` has the vertices of all curves with their colors, and an element "edge" with
-            vertex1, vertex2 and colors; a defect is a vertex without an edge. A `.glb` has a line for every curve and
+            vertex1, vertex2 and colors; defects are vertices without an edge. A `.glb` has a line for every curve and
             no defects.
 
     Returns:
@@ -48,50 +52,47 @@ def save_loops(location: Located, path: str | os.PathLike[str]) -> int:
         raise InputError(f"{target} does not end with .ply or .glb, the formats that curves are written in: rename it.")
     if not target.parent.is_dir():
         raise InputError(f"the folder of {target} does not exist: create it first.")
-    is_ply = target.suffix.lower() == ".ply"
-    lines = [line for line in lines_at(location) if is_ply or len(line.points) > 1]
-    if not lines:
+    curves = list(_curves(location))
+    if target.suffix.lower() == ".ply":
+        curves += [("defect", defect.kind, defect.points, None) for defect in location.defects]
+    if not curves:
         raise InputError(f"there is no curve to write to {target}: nothing was located.")
-    (_write_ply if is_ply else _write_gltf)(target, lines)
-    return len(lines)
+    (_write_ply if target.suffix.lower() == ".ply" else _write_gltf)(target, curves)
+    return len(curves)
 
 
-def lines_at(location: Located) -> Iterator[Line]:
-    """The two loops of each handle, the boundaries, and a point for every defect."""
+def _curves(location: Located) -> Iterator[Curve]:
     for number, handle in enumerate(location.handles, 1):
-        yield Line("handle", f"handle {number}", handle.handle_loop, closed=True)
-        yield Line("tunnel", f"tunnel {number}", handle.tunnel_loop, closed=True)
+        yield "handle", f"handle {number}: handle loop", handle.handle_loop, True
+        yield "tunnel", f"handle {number}: tunnel loop", handle.tunnel_loop, True
     for number, boundary in enumerate(location.boundaries, 1):
-        yield Line("boundary", f"boundary {number}", boundary.points, closed=boundary.closed)
-    for defect in location.defects:
-        yield Line("defect", defect.kind, np.array([defect.center]), closed=False)
+        yield "boundary", f"boundary {number}", boundary.points, boundary.closed
 
 
-def _write_ply(path: Path, lines: Sequence[Line]) -> None:
-    starts = np.cumsum([0, *(len(line.points) for line in lines)])
+def _write_ply(path: Path, curves: Sequence[Curve]) -> None:
     colors = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    vertices = np.empty(starts[-1], dtype=[(axis, "f8") for axis in "xyz"] + colors)
-    pieces = []
-    for line, start in zip(lines, starts, strict=False):
-        rows = slice(start, start + len(line.points))
-        for axis, values in zip("xyz", line.points.T, strict=True):
-            vertices[axis][rows] = values
-        ends = np.stack((np.arange(len(line.points)), np.arange(1, len(line.points) + 1) % len(line.points)), axis=1)
-        ends = ends if line.closed and len(line.points) > 1 else ends[:-1]
-        edges = np.empty(len(ends), dtype=[("vertex1", "i4"), ("vertex2", "i4"), *colors])
-        edges["vertex1"], edges["vertex2"] = (start + ends).T
-        for name, value in zip(("red", "green", "blue"), LINE_COLORS[line.kind], strict=True):
-            vertices[name][rows], edges[name] = value, value
+    vertices = np.empty(sum(len(points) for _, _, points, _ in curves), [(axis, "f8") for axis in "xyz"] + colors)
+    pieces, start = [], 0
+    for kind, _, points, closed in curves:
+        index = start + np.arange(len(points))
+        for axis, values in zip("xyz", points.T, strict=True):
+            vertices[axis][index] = values
+        n_edges = 0 if closed is None else len(points) - (not closed)
+        edges = np.empty(n_edges, [("vertex1", "i4"), ("vertex2", "i4"), *colors])
+        edges["vertex1"], edges["vertex2"] = index[:n_edges], np.roll(index, -1)[:n_edges]
+        for name, value in zip(("red", "green", "blue"), MARK_COLORS[kind], strict=True):
+            vertices[name][index], edges[name] = value, value
         pieces.append(edges)
+        start += len(points)
     write_ply(path, vertex=vertices, edge=np.concatenate(pieces))
 
 
-def _write_gltf(path: Path, lines: Sequence[Line]) -> None:
+def _write_gltf(path: Path, curves: Sequence[Curve]) -> None:
     import trimesh
 
     scene = trimesh.Scene()
-    for number, line in enumerate(lines):
-        points = np.vstack((line.points, line.points[:1])) if line.closed else line.points
-        entity = trimesh.path.entities.Line(np.arange(len(points)), color=(*LINE_COLORS[line.kind], 255))
-        scene.add_geometry(trimesh.path.Path3D([entity], points, process=False), geom_name=f"{number + 1} {line.label}")
+    for kind, label, points, closed in curves:
+        corners = np.vstack((points, points[:1])) if closed else points
+        entity = trimesh.path.entities.Line(np.arange(len(corners)), color=(*MARK_COLORS[kind], 255))
+        scene.add_geometry(trimesh.path.Path3D([entity], corners, process=False), geom_name=label)
     scene.export(str(path))

@@ -82,7 +82,9 @@ def with_location(report: TopologyReport, shape: Locatable) -> TopologyReport:
         boundaries=tuple(
             LocatedBoundary(one.length, one.closed, middle(one.bounds), one.bounds, one.points) for one in boundaries
         ),
-        defects=tuple(LocatedDefect(one.kind, len(one.faces), middle(one.bounds), one.bounds) for one in defects),
+        defects=tuple(
+            LocatedDefect(one.kind, len(one.faces), middle(one.bounds), one.bounds, one.points) for one in defects
+        ),
         notes=tuple(notes),
     )
     return replace(report, location=location)

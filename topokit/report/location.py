@@ -71,12 +71,14 @@ class LocatedDefect:
         faces: number of faces concerned.
         center: middle of the bounding box.
         bounds: lowest and highest corner of the box.
+        points: (N, 3), not in JSON.
     """
 
     kind: str
     faces: int
     center: Corner
     bounds: Box
+    points: Floats = field(repr=False, metadata=NOT_IN_JSON)
 
 
 @dataclass(frozen=True, eq=False)

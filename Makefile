@@ -1,13 +1,14 @@
 # make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
 # make test   the same, with everything the tests need, and the tests
 # make lint   ruff, mypy and codespell (American spelling)
+# make docs   the documentation, as a site in docs/site
 # make bench  the benchmarks (ratios within one run)
 PYTHON ?= python3
 # Another torch: make demo TORCH="torch --index-url https://download.pytorch.org/whl/cpu"
 TORCH ?= torch==2.13.0
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint docs bench clean
 
 demo: .venv/installed
 	.venv/bin/python -m topokit demo
@@ -21,6 +22,9 @@ lint: .venv/tested
 	.venv/bin/mypy
 	.venv/bin/codespell topokit tests examples benchmarks docs README.md CONTRIBUTING.md CHANGELOG.md
 
+docs: .venv/tested
+	.venv/bin/python -m sphinx -W --keep-going -b html docs docs/site
+
 bench: .venv/tested
 	.venv/bin/python -m pytest benchmarks/bench_*.py --benchmark-columns=min,median,max -s
 
@@ -32,7 +36,7 @@ bench: .venv/tested
 
 .venv/tested: .venv/installed
 	sh .ci/system-libraries
-	$(PIP) --constraint constraints.txt --editable '.[test,all]'
+	$(PIP) --constraint constraints.txt --editable '.[test,docs,all]'
 	touch $@
 
 clean:

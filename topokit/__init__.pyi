@@ -5,6 +5,8 @@ from .adapters.points.adapter import from_points
 from .adapters.splats.adapter import from_splats
 from .adapters.splats.gaussians import GaussianSplats
 from .adapters.voxels.adapter import from_voxels
+from .adapters.voxels.labels import from_labels
+from .batch.survey import survey
 from .core.local.curvature import Curvature
 from .core.samples import SurfaceSamples
 from .errors import (
@@ -17,11 +19,13 @@ from .errors import (
     TopokitError,
     UnknownFormatError,
 )
+from .handle import Handle
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
+from .repair.topology import fill_boundaries, simplify_topology
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
 
@@ -36,6 +40,7 @@ __all__ = [
     "Evidence",
     "GaussianSplats",
     "GenusError",
+    "Handle",
     "InputError",
     "MissingDependencyError",
     "ReadError",
@@ -47,6 +52,8 @@ __all__ = [
     "TopologyReport",
     "UnknownFormatError",
     "euler_loss",
+    "fill_boundaries",
+    "from_labels",
     "from_mesh",
     "from_occupancy",
     "from_points",
@@ -58,6 +65,8 @@ __all__ = [
     "losses",
     "refresh_adapters",
     "register_adapter",
+    "simplify_topology",
+    "survey",
     "testing",
     "topology_loss",
 ]

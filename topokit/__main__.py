@@ -2,4 +2,5 @@
 
 from topokit.cli.app import app
 
-app(prog_name="topokit")
+if __name__ == "__main__":
+    app(prog_name="topokit")

@@ -5,17 +5,29 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from topokit.core.cloud.downsampling import Criterion
+from topokit.core.cloud.fewer_samples import fewer_samples
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.defects import Defect
+from topokit.errors import InputError
+from topokit.handle import Handle, handles_of
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
+from topokit.report.locate import with_location
 from topokit.report.report import TopologyReport, known_genus
+from topokit.report.surface import checked_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
     import trimesh
+    from PIL import Image
 
     from topokit.export.colors import Quantity
+    from topokit.pages.single import View
 
 
 class Shape(DifferentiableShape):
@@ -33,7 +45,8 @@ class Shape(DifferentiableShape):
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`. None, the default, takes
+            20; for `curvature` more where the samples are noisy.
     """
 
     def genus(self) -> int:
@@ -44,7 +57,7 @@ class Shape(DifferentiableShape):
         """
         return known_genus(self.report())
 
-    def report(self, *, details: bool = False) -> TopologyReport:
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
         A counted answer is reported as it is; samples without one are judged by the global witness.
@@ -52,6 +65,7 @@ class Shape(DifferentiableShape):
         Args:
             details: whether to compute what the integer does not need, too: the curvature estimate χ⁽⁰⁾ of a counted
                 shape, the self-optimized χ⁽ᴷ⁾, and the solid that a mesh encloses by winding number.
+            locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
 
         Raises:
             InputError: if the samples are batched.
@@ -60,6 +74,7 @@ class Shape(DifferentiableShape):
             report = counted_report(self.name, self.notes, self.counted)
         else:
             report = cloud_report(self.name, self.notes, self._only_examination())
+        report = with_location(report, self) if locate else report
         return with_details(report, self) if details else report
 
     def oriented(self) -> Shape:
@@ -81,6 +96,94 @@ class Shape(DifferentiableShape):
                 raise one.refusal
         return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
 
+    def surface(self) -> trimesh.Trimesh:
+        """The closed surface as triangles, facing outward, with V − E + F equal to `report().euler`.
+
+        The surface is checked before it is returned: every edge has two faces, every vertex one fan, and the count is
+        the reported one. Vertices are not differentiable.
+
+        Raises:
+            InputError: if the surface is open or not a manifold, or no closed surface with the reported integer was
+                found; the message says which.
+        """
+        from topokit.export.trimesh import as_trimesh
+
+        return as_trimesh(checked_surface(self.report(), self._surface_found()))
+
+    def boundaries(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first; none if it is closed.
+
+        Those of a mesh run along its edges with one face. Those of a cloud run through its samples and are found only
+        if they are longer than about twenty sample spacings.
+
+        Raises:
+            InputError: if the samples are batched, or a function's level set is cut by its box.
+        """
+        return self._boundary_found()
+
+    def defects(self, *, self_intersections: bool = True) -> tuple[Defect, ...]:
+        """What is wrong with the mesh, and where: one record for each place.
+
+        Non-manifold edges, pinched vertices, self-intersections, flipped, duplicate and degenerate faces, tiny
+        components and cavities. The faces are rows of `shape.mesh[1]`.
+
+        Args:
+            self_intersections: whether to look for faces that cross each other; this takes longest, and needs libigl.
+
+        Raises:
+            InputError: if the shape was not made from a mesh.
+            MissingDependencyError: if self-intersections are wanted and libigl is not installed.
+        """
+        find = self.__dict__["_find_defects"]
+        if find is None:
+            raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
+        return find(self_intersections)
+
+    def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
+        """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
+
+        Args:
+            n_samples: number of samples to keep, at most.
+            by: "feature-size": densely where the surface bends or an opposite sheet is near (with outward normals, both
+                sides of a thin wall are kept, however coarsely); "curvature": where it bends; "even": everywhere alike.
+
+        Returns:
+            A `Shape` with the normals and frames of the samples that are kept and the summed areas of those that they
+            stand for; differentiable at a fixed choice. Deterministic.
+
+        Raises:
+            InputError: if the samples are batched, or too few are wanted for the shape's number of neighbors.
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_samples
+            >>> tk.from_points(torus_samples(20_000).points).downsample(2000).samples.n_points <= 2000
+            True
+        """
+        return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
+
+    def handles(self) -> tuple[Handle, ...]:
+        """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
+
+        There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
+        closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
+
+        Raises:
+            InputError: if there is no closed surface (see `surface`), or it intersects itself.
+
+        Reference:
+            Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_mesh
+            >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
+            >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
+            (2.5, 3.8)
+        """
+        surface = self.surface()
+        return handles_of(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64))
+
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.
 
@@ -100,3 +203,50 @@ class Shape(DifferentiableShape):
         from topokit.export.ply import save_ply
 
         return save_ply(self, path, color_by)
+
+    def picture(
+        self, side: int = 600, *, eye: tuple[float, float, float] = (0.9, -1.3, 1.0), locate: bool = False
+    ) -> Image.Image:
+        """A picture of the shape, colored by Gaussian curvature, made on the CPU without a display.
+
+        A mesh is drawn as it is, a volume or network as its level set, anything else as its samples.
+
+        Args:
+            side: pixels of the square.
+            eye: direction from the shape to the viewer; z is up.
+            locate: whether to draw the handles, tunnels, boundaries and defects of the report as lines.
+
+        Raises:
+            InputError: if the samples are batched.
+        """
+        from topokit.pages.single import picture
+
+        return picture(self, side, eye=eye, locate=locate)
+
+    def save_html(self, path: str | os.PathLike[str]) -> None:
+        """Write the report with a 3D view as one HTML file that needs nothing else.
+
+        Args:
+            path: file to write, called .html or .htm; it appears when it is complete.
+
+        Raises:
+            InputError: if the file is not called .html or .htm, or its folder does not exist; or if the samples are
+                batched.
+        """
+        from topokit.pages.single import save_page
+
+        save_page(self, path)
+
+    def show(self) -> View | None:
+        """Show the page that `save_html` writes: in a notebook below the cell, elsewhere in a tab of the browser."""
+        from topokit.pages.single import show
+
+        return show(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a picture and the report, as far as neither takes long to make."""
+        from topokit.pages.single import shape_html
+
+        known = self.__dict__
+        report = self.report() if known.get("counted") is not None else None
+        return shape_html(self, report, draw=report is not None or "samples" in known)

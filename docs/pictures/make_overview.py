@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from _surfels import Floats, Surfels, disc_surfels, mesh_surfels, render, unit
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import zoom
@@ -19,6 +18,7 @@ from skimage.measure import marching_cubes
 from torch import Tensor
 
 import topokit as tk
+from topokit.export.surfels import Floats, Surfels, disc_surfels, mesh_surfels, render, unit
 from topokit.testing import genus_mesh
 
 SIDE, TEXT = 240, 84  # pixels of a panel and of the text below it

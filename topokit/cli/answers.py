@@ -1,56 +1,149 @@
-"""One answer per file: printed as it comes or as one JSON array; a file that fails does not stop the others."""
+"""Examining files for a command: results as they come, errors on standard error, and the exit code."""
 
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager, nullcontext
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TextIO
 
 import typer
 
-from topokit.cli.options import in_shell
-from topokit.errors import TopokitError
+from topokit.batch.examine import Answer, Questions
+from topokit.batch.sources import Sources
+from topokit.batch.survey import entry, examine_each
+from topokit.cli.options import Opener, in_shell
+from topokit.cli.progress import Bar, progress_bar
+from topokit.cli.request import Request, sources_of
+from topokit.cli.writers import Writer
+from topokit.errors import InputError, TopokitError
+from topokit.report.wording import plural
 
-Answer = tuple[Mapping[str, Any], str]
+MakeWriter = Callable[[TextIO, Sources], Writer]
+_HAVE_BARS = ("sdf", "occupancy")  # adapters that show the progress of their grids themselves
 
 
-def answer_each(files: list[Path], answer: Callable[[Path], Answer], as_json: bool = False) -> None:
-    """Print the answers about files and leave: exit code 1 if one of them failed, else 0.
+def answer_files(
+    files: list[Path],
+    opener: Opener,
+    request: Request,
+    make_writer: MakeWriter,
+    *,
+    details: bool = False,
+    locate: bool = False,
+    with_report: bool = True,
+    output: Path | None = None,
+    html: Path | None = None,
+    check: Callable[[Answer], Answer] = lambda answer: answer,
+) -> None:
+    """Write the answers about files and leave: exit code 1 if one of them failed or met a condition, else 0.
 
     Args:
-        files: paths.
-        answer: gives, for a path, an object for JSON and a text.
-        as_json: whether to print one JSON array of these objects instead of the texts.
+        files: what was given on the command line.
+        opener: opens them.
+        request: how to examine them.
+        make_writer: the form of the results, for a stream and what was found.
+        details: as for `Shape.report`.
+        locate: as for `Shape.report`.
+        with_report: whether the writer needs reports besides rows.
+        output: file to write to instead of standard output.
+        html: page to write besides.
+        check: may turn an answer into a failure.
     """
-    rows: list[dict[str, Any]] = []
-    with _progress(len(files)) as advance:
-        for path in files:
-            try:
-                row, text = answer(path)
-                if not as_json:
-                    typer.echo(text)
-            except TopokitError as error:
-                row = {"error": in_shell(str(error), path)}
-                typer.echo(f"topokit: {row['error']}", err=True)
-            rows.append({"file": str(path), **row})
-            advance()
-    if as_json:
-        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False, allow_nan=False))
-    raise typer.Exit(int(any("error" in row for row in rows)))
+    questions = Questions(opener, request.labels, details, locate, with_report, with_page=html is not None)
+    has_failed = False
+
+    def shown(coming: Iterable[list[Answer]], writer: Writer, bar: Bar, is_terminal: bool) -> Iterator[Answer]:
+        nonlocal has_failed
+        for answers in coming:
+            for answer in map(_in_terms_of_the_shell, map(check, answers)):
+                _show(answer, writer, bar if is_terminal or answer.error else None, request.verbose)
+                has_failed = has_failed or answer.error is not None or _meets(answer, request)
+                yield answer
+            bar.advance()
+            if has_failed and not request.keep_going:
+                return
+
+    with sources_of(files, request.format, opener.adapter) as found, _stream(output, found) as stream:
+        _say_what_was_passed_over(found, request.verbose)
+        with (
+            progress_bar(_names_for_bar(found, opener)) as bar,
+            closing(make_writer(stream, found)) as writer,
+            closing(examine_each(found.sources, questions, request.jobs)) as coming,
+        ):
+            _write_page(shown(coming, writer, bar, stream.isatty()), html)
+    raise typer.Exit(int(has_failed))
+
+
+def _meets(answer: Answer, request: Request) -> bool:
+    return answer.error is None and any(meets(answer.row) for meets in request.conditions)
+
+
+def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
+    """Take all answers, and write those to a page, if one is wanted."""
+    if html is None:
+        deque(answers, maxlen=0)
+        return
+    from topokit.pages import write_html
+
+    try:
+        write_html(map(entry, answers), html)
+    except InputError as error:  # about the name of the page, before anything is examined
+        raise typer.BadParameter(f"--html: {error}") from error
+
+
+def say(message: str) -> None:
+    """A line on standard error."""
+    typer.echo(f"topokit: {message}", err=True)
+
+
+def _show(answer: Answer, writer: Writer, bar: Bar | None, verbose: bool) -> None:
+    with nullcontext() if bar is None else bar.hidden():
+        writer.write(answer)
+        if answer.error is not None:
+            say(answer.error)
+        elif verbose:
+            say(f"{answer.row['file']}: {answer.row['adapter']}, {answer.row['seconds']:.2f} s")
+
+
+def _in_terms_of_the_shell(answer: Answer) -> Answer:
+    if answer.error is None:
+        return answer
+    return replace(answer, row=answer.row | {"error": in_shell(answer.error, answer.row["file"])})
+
+
+def _names_for_bar(found: Sources, opener: Opener) -> list[str]:
+    """The names of the files; none if there is only one whose adapter shows its own progress."""
+    if len(found.sources) == 1 and sys.stderr.isatty():
+        try:
+            if opener(found.sources[0].path)[0] in _HAVE_BARS:
+                return []
+        except TopokitError:  # its answer says so
+            return []
+    return [source.name for source in found.sources]
+
+
+def _say_what_was_passed_over(found: Sources, verbose: bool) -> None:
+    if found.passed_over:
+        names = f": {', '.join(found.passed_over)}" if verbose else ""
+        verb = "was" if len(found.passed_over) == 1 else "were"
+        say(f"{plural(len(found.passed_over), 'file')} of no known format {verb} passed over{names}.")
 
 
 @contextmanager
-def _progress(n_files: int) -> Iterator[Callable[[], None]]:
-    """A bar on stderr if that is a terminal and there is more than one file."""
-    if n_files < 2 or not sys.stderr.isatty():
-        yield lambda: None
+def _stream(output: Path | None, found: Sources) -> Iterator[TextIO]:
+    """Standard output, or the file to write, which must not be one of those to read."""
+    if output is None:
+        yield sys.stdout
         return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("files", total=n_files)
-        yield lambda: bar.advance(task)
+    if output.exists() and any(source.path.exists() and output.samefile(source.path) for source in found.sources):
+        raise typer.BadParameter(f"-o {output} is a file to read; name another one to write.")
+    try:
+        file = output.open("w", encoding="utf-8", newline="")
+    except OSError as error:
+        raise typer.BadParameter(f"-o {output} cannot be written ({error.strerror}).") from error
+    with file:
+        yield file

@@ -1,27 +1,43 @@
-"""The command line: results on stdout, everything else on stderr; exit 0, 1 (some file failed) or 2 (usage)."""
+"""The command line: results on stdout, everything else on stderr.
+
+Exit codes: 0 if all files answered; 1 if some file failed, or a condition of --fail-on was met; 2 for wrong usage; 130
+after an interrupt.
+"""
 
 from __future__ import annotations
 
 import json
 import warnings
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
-from topokit.cli.answers import Answer, answer_each
-from topokit.cli.options import Opener, opens_files
-from topokit.errors import AdapterWarning, InputError
+from topokit.batch.examine import COLUMNS, Answer, called
+from topokit.batch.sources import Sources
+from topokit.cli.answers import answer_files, say
+from topokit.cli.encoding import use_encodable_letters
+from topokit.cli.forms import takes_form
+from topokit.cli.handles import handles
+from topokit.cli.options import Opener, described_options, opens_files
+from topokit.cli.picture import picture
+from topokit.cli.request import Format, Request, examines_files
+from topokit.cli.single import convert
+from topokit.cli.writers import CsvWriter, Form, JsonLinesWriter, JsonWriter, TableWriter, TextWriter, Writer
+from topokit.errors import AdapterWarning
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 app = typer.Typer(
     help="Curvature, Euler characteristic and genus of meshes, points, volumes, networks and splats.",
+    epilog="Exit codes: 0 all files answered; 1 a file failed, or --fail-on was met; 2 wrong usage; 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Files = Annotated[list[Path], typer.Argument(help="Meshes, points, volumes, networks or splats.", metavar="FILE...")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON array, an object per file.")]
+_WHAT = "Files, folders, patterns such as 'parts/**/*.stl', or - for standard input."
+Files = Annotated[list[Path], typer.Argument(help=_WHAT, metavar="FILE...")]
 Quantity = Literal["gaussian", "mean", "total"]
 
 
@@ -39,98 +55,158 @@ def main(
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Print warnings about plug-ins like the other messages of this command."""
+    """Print warnings about plug-ins like the other messages of this command, all in letters that can be printed."""
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if issubclass(category, AdapterWarning):
-            typer.echo(f"topokit: {message}", err=True)
+            say(str(message))
         else:
             usual(message, category, *where, **more)
 
+    use_encodable_letters()
     usual, warnings.showwarning = warnings.showwarning, show
 
 
 @app.command()
 @opens_files
+@examines_files
+@takes_form("text", "table", "json", "jsonl", "csv")
 def report(
     files: Files,
     opener: Opener,
-    as_json: Json = False,
+    request: Request,
+    form: Form | None,
     details: Annotated[
         bool, typer.Option("--details", help="Also estimates from curvature; this takes longer.")
     ] = False,
+    locate: Annotated[
+        bool, typer.Option("--locate", help="Also where handles, boundaries and defects are; this takes longer.")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", help="Also write one HTML file with a 3D view of every shape.")
+    ] = None,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
 
-    def answer(path: Path) -> Answer:
-        found = opener(path).report(details=details)
-        return found.to_dict(), f"{found}\n"
+    def record(answer: Answer) -> dict[str, Any]:
+        return _named(answer) | (answer.report.to_dict() if answer.report else {"error": answer.error})
 
-    answer_each(files, answer, as_json)
+    def writer(stream: TextIO, found: Sources) -> Writer:
+        several = len(found.sources) > 1 or request.labels is not None
+        chosen = form or ("table" if several and stream.isatty() else "text")
+        if chosen == "json":
+            return JsonWriter(stream, record)
+        if chosen == "jsonl":
+            return JsonLinesWriter(stream, record)
+        if chosen == "csv":
+            return CsvWriter(stream)
+        if chosen == "table":
+            return TableWriter(stream, [source.name for source in found.sources])
+        return TextWriter(stream, lambda answer: f"{answer.report}\n")
+
+    needs_report = form not in ("csv", "table")
+    answer_files(
+        files,
+        opener,
+        request,
+        writer,
+        details=details,
+        locate=locate,
+        with_report=needs_report,
+        output=output,
+        html=html,
+    )
 
 
 @app.command()
 @opens_files
-def euler(files: Files, opener: Opener, as_json: Json = False) -> None:
-    """One line per file: Euler characteristic, verdict, file (separated by tabs)."""
-
-    def answer(path: Path) -> Answer:
-        found = opener(path).report()
-        if found.euler is None:
-            raise InputError(f"{path}: the Euler characteristic is unknown. {' '.join(found.reasons)}")
-        return {"euler": found.euler, "verdict": found.verdict}, f"{found.euler}\t{found.verdict}\t{path}"
-
-    answer_each(files, answer, as_json)
+@examines_files
+@takes_form("json", "jsonl")
+def euler(files: Files, opener: Opener, request: Request, form: Form | None) -> None:
+    """One line per shape: Euler characteristic, verdict, file (separated by tabs)."""
+    _print_number("euler", "the Euler characteristic is unknown", files, opener, request, form)
 
 
 @app.command()
 @opens_files
-def genus(files: Files, opener: Opener, as_json: Json = False) -> None:
-    """One line per file: genus, verdict, file (separated by tabs)."""
+@examines_files
+@takes_form("json", "jsonl")
+def genus(files: Files, opener: Opener, request: Request, form: Form | None) -> None:
+    """One line per shape: genus, verdict, file (separated by tabs)."""
+    _print_number("genus", "genus is undefined or unknown", files, opener, request, form)
 
-    def answer(path: Path) -> Answer:
-        from topokit.report.report import known_genus
 
-        found = opener(path).report()
-        handles = known_genus(found)
-        return {"genus": handles, "verdict": found.verdict}, f"{handles}\t{found.verdict}\t{path}"
+def _print_number(
+    name: str, missing: str, files: list[Path], opener: Opener, request: Request, form: Form | None
+) -> None:
+    """One number of every report; where it is None, that is an error."""
 
-    answer_each(files, answer, as_json)
+    def check(answer: Answer) -> Answer:
+        if answer.row[name] is not None or answer.report is None:
+            return answer
+        error = f"{called(answer.row)}: {missing}. {' '.join(answer.report.reasons)}"
+        empty = dict.fromkeys(COLUMNS) | _named(answer)
+        return Answer(empty | {"error": error})
+
+    def record(answer: Answer) -> dict[str, Any]:
+        row = answer.row
+        found = {name: row[name], "verdict": row["verdict"]} if answer.error is None else {"error": answer.error}
+        return _named(answer) | found
+
+    def writer(stream: TextIO, found: Sources) -> Writer:
+        if form is None:
+            return TextWriter(stream, lambda it: f"{it.row[name]}\t{it.row['verdict']}\t{called(it.row)}")
+        return (JsonWriter if form == "json" else JsonLinesWriter)(stream, record)
+
+    answer_files(files, opener, request, writer, check=check)
 
 
 @app.command()
 @opens_files
 def curvature(
-    file: Annotated[Path, typer.Argument(help="A mesh or a point cloud.", metavar="FILE")],
+    file: Annotated[Path, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
     opener: Opener,
+    format: Format = None,
     color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
 ) -> None:
     """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
 
-    def answer(path: Path) -> Answer:
-        from topokit.export.ply import save_ply
+    def write(shape: Shape) -> str:
+        n_written = shape.save_ply(output, color_by)
+        return f"{n_written} points with gaussian, mean, total, k_min, k_max and area"
 
-        if output.exists() and output.samefile(path):
-            raise InputError(f"{output} is the file to read; name another one to write.")
-        n_written = save_ply(opener(path), output, color_by)
-        return {}, f"{output}: {n_written} points with gaussian, mean, total, k_min, k_max and area"
+    convert(file, output, format, opener, write)
 
-    answer_each([file], answer)
+
+app.command()(picture)
+app.command()(handles)
 
 
 @app.command()
-def adapters(as_json: Annotated[bool, typer.Option("--json", help="One object per adapter.")] = False) -> None:
-    """What can be opened: one line per adapter with name, suffixes, and "usable" or what is missing (tabs between)."""
+def adapters(
+    name: Annotated[str | None, typer.Argument(help="An adapter, for its options.", metavar="[NAME]")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One object per adapter, or per option.")] = False,
+) -> None:
+    """What can be opened: one line per adapter with name, suffixes, and "usable" or what is missing (tabs between).
+
+    With a NAME, the options of that adapter: one line per option with its default and what it expects.
+    """
     from topokit.plugins.registry import list_adapters
 
-    shown = ("name", "description", "suffixes", "types", "usable", "missing_suffixes", "install", "problem")
-    if as_json:
+    if name is not None:
+        if name not in (known := [one.name for one in list_adapters()]):
+            raise typer.BadParameter(f"{name!r} is no adapter; expected {' or '.join(known)}.")
+        rows = described_options(name)
+        lines = [f"{row['option']}\t{row['default']}\t{row['expected']}" for row in rows]
+    else:
+        shown = ("name", "description", "suffixes", "types", "usable", "missing_suffixes", "install", "problem")
         rows = [{key: getattr(adapter, key) for key in shown} for adapter in list_adapters()]
-        typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
-        return
-    for adapter in list_adapters():
-        typer.echo(f"{adapter.name}\t{' '.join(adapter.suffixes) or '-'}\t{adapter.state}")
+        lines = [f"{one.name}\t{' '.join(one.suffixes) or '-'}\t{one.state}" for one in list_adapters()]
+    typer.echo(json.dumps(rows, indent=2) if as_json else "\n".join(lines))
 
 
 @app.command()
@@ -142,3 +218,9 @@ def demo() -> None:
     mesh, cloud = tk.from_mesh(genus_mesh(3)), tk.from_points(torus_samples(10_000).points)
     typer.echo(f"{mesh.replace(name='a genus-3 mesh').report()}\n")
     typer.echo(f"{cloud.replace(name='a torus as an unoriented point cloud').report()}\n")
+
+
+def _named(answer: Answer) -> dict[str, Any]:
+    """The keys that say which shape a record is about."""
+    row = answer.row
+    return {"file": row["file"]} | ({} if row["label"] is None else {"label": row["label"]})

@@ -4,67 +4,96 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from topokit.cli.values import is_writable, parse_value
-from topokit.errors import InputError
+from topokit.batch.examine import seeded
+from topokit.cli.bundle import bundled
+from topokit.cli.values import expected_value, is_writable, parse_value
+from topokit.errors import InputError, MissingDependencyError
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
-
-_COMMON = {
-    "n_neighbors": Annotated[int | None, typer.Option("-k", "--neighbors", min=3, help="Neighbors of each point.")],
-    "n_samples": Annotated[int | None, typer.Option("--samples", min=4, help="Points to sample, if any are sampled.")],
-    "generator": Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the sampling.")],
-}
+_PANEL = "Options of formats"
 _TEXTS = {
+    "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
     "level": "Volumes and networks: value on the surface.",
     "label": "Volumes: voxels with this label are the solid.",
     "connectivity": "Volumes: 6 or 26.",
     "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",
+    "origin": "Volumes: position of the first voxel, as 0,0,-40.",
     "bounds": "Networks: lowest and highest corner of the box, as -1,-1,-1,1,1,1.",
     "resolution": "Networks: cells along the longest side of the finest grid.",
+    "field_resolution": "Networks: cells along the longest side of the grid of the field.",
     "component": "Splats: all, largest, or the number of a cluster.",
     "min_opacity": "Splats: fainter ones are dropped.",
+    "max_size_ratio": "Splats: those larger than so many times the median are dropped.",
+    "max_thickness_ratio": "Splats: those thicker than this share of their size are dropped.",
+    "min_cluster_share": "Splats: clusters with a smaller share of them are dropped.",
 }
+_ALIASES = {"level": ("--threshold",)}
 _SAMPLING = ("n_samples", "generator")  # left out where nothing is sampled: a list of files may hold points, too
 _RENAMED = {"n_neighbors": "--neighbors", "n_samples": "--samples", "generator": "--seed"}
-_ADAPTER = Annotated[str | None, typer.Option("--adapter", help="Adapter to use (`topokit adapters` lists them).")]
-_MORE = Annotated[
-    list[str] | None,
-    typer.Option("-O", "--option", metavar="NAME=VALUE", help="Any other option of the adapter; may be repeated."),
-]
 
 
 def _flag(name: str) -> str:
     """A parameter of an adapter as an option of the command line."""
-    if name in (*_RENAMED, *_TEXTS, "adapter"):
+    if name in (*_RENAMED, *_TEXTS, "adapter", "labels"):
         return _RENAMED.get(name) or "--" + name.replace("_", "-")
     return f"-O {name}=…"
 
 
-_SHARED = {
-    "adapter": _ADAPTER,
-    **_COMMON,
-    **{name: Annotated[str | None, typer.Option(_flag(name), help=text)] for name, text in _TEXTS.items()},
-    "more": _MORE,
+def _adapter_names() -> list[str]:
+    """For the completion of a shell."""
+    from topokit.plugins.registry import list_adapters
+
+    return [adapter.name for adapter in list_adapters()]
+
+
+def _text_option(name: str, help_text: str) -> Any:
+    option = typer.Option(_flag(name), *_ALIASES.get(name, ()), help=help_text, rich_help_panel=_PANEL)
+    return Annotated[str | None, option]
+
+
+def _integer_option(*flags: str, least: int, help_text: str) -> Any:
+    return Annotated[int | None, typer.Option(*flags, min=least, help=help_text, rich_help_panel=_PANEL)]
+
+
+_ADAPTER = typer.Option(
+    "--adapter",
+    help="Adapter to use; `topokit adapters` lists them, `topokit adapters NAME` its options.",
+    autocompletion=_adapter_names,
+    rich_help_panel=_PANEL,
+)
+_MORE = typer.Option(
+    "-O",
+    "--option",
+    metavar="NAME=VALUE",
+    help="Any other option of the adapter; may be repeated.",
+    rich_help_panel=_PANEL,
+)
+_OPTIONS = {
+    "adapter": Annotated[str | None, _ADAPTER],
+    **{name: _text_option(name, text) for name, text in _TEXTS.items()},
+    "n_neighbors": _integer_option("-k", "--neighbors", least=3, help_text="Neighbors of each point."),
+    "n_samples": _integer_option("--samples", least=4, help_text="Points to sample, if any are sampled."),
+    "generator": _integer_option("--seed", least=0, help_text="Seed of the sampling."),
+    "more": Annotated[list[str] | None, _MORE],
 }
 _ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
 # In messages of the library: n_samples, level=…, adapter='mesh'; "level" alone is a word.
-_NAMES = "|".join(("adapter", *_TEXTS))
+_NAMES = "|".join(("adapter", "labels", *_TEXTS))
 _IN_PYTHON = re.compile(rf"\b(n_neighbors|n_samples|(?:{_NAMES})(?==))(?:='?([^\s',;)]*[^\s',;.)])'?)?")
 
 
 @dataclass(frozen=True)
 class Opener:
-    """Opens files with the options of the command line.
+    """Opens files with the options of the command line; it can be sent to worker processes.
 
     Attributes:
         adapter: name of the adapter, or None to choose by content and suffix.
@@ -74,36 +103,38 @@ class Opener:
     adapter: str | None
     given: dict[str, Any]
 
-    def __call__(self, path: Path) -> Shape:
-        """The shape of a file.
+    def __call__(self, path: Path) -> tuple[str, dict[str, Any]]:
+        """The name of the adapter of a file, and its options.
 
         Raises:
             InputError: if the adapter has no such option, or a value cannot be parsed.
-            TopokitError: whatever `topokit.load` raises.
+            TopokitError: whatever the choice of an adapter raises.
         """
         from topokit.plugins.foreign_code import options_of
-        from topokit.plugins.registry import adapter_for, load
+        from topokit.plugins.registry import adapter_for
 
         adapter = adapter_for(path, self.adapter)
         known = options_of(adapter)
-        options = {
+        return adapter.name, {
             name: _value(path, name, value, adapter.name, known)
             for name, value in self.given.items()
             if known is None or name in known or name not in _SAMPLING
         }
-        if "generator" in options:
-            import torch
 
-            options["generator"] = torch.Generator().manual_seed(options["generator"])
-        return load(path, adapter=adapter.name, **options)
+    def open(self, path: Path) -> Shape:
+        """The shape of a file; errors as above and those of `topokit.load`."""
+        from topokit.plugins.registry import load
+
+        adapter, options = self(path)
+        return load(path, adapter=adapter, **seeded(options))
 
 
 def _value(path: Path, name: str, value: Any, adapter: str, known: Mapping[str, inspect.Parameter] | None) -> Any:
     """What the adapter gets for a value of the command line."""
     if known is not None and name not in {*known, "n_neighbors"}:
-        writable = {name for name, parameter in known.items() if is_writable(parameter) or name in _SAMPLING}
-        flags = ", ".join(sorted(map(_flag, {*writable, "n_neighbors"})))
-        raise InputError(f"{path}: adapter {adapter!r} has no option {_flag(name)}. It has: {flags}.")
+        raise InputError(
+            f"{path}: adapter {adapter!r} has no option {_flag(name)}. It has: {', '.join(flags_of(known))}."
+        )
     if not isinstance(value, str):
         return value
     try:
@@ -112,40 +143,97 @@ def _value(path: Path, name: str, value: Any, adapter: str, known: Mapping[str, 
         raise InputError(f"{path}: {_flag(name)} is {value!r}; expected {error}.") from error
 
 
-def opens_files(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of adapters, which reach it together as its argument `opener`."""
-    signature = inspect.signature(command, eval_str=True)
-    own = [parameter for parameter in signature.parameters.values() if parameter.name != "opener"]
-    shared = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-        for name, annotation in _SHARED.items()
-    ]
+def described_options(adapter: str) -> list[dict[str, str]]:
+    """The options of an adapter: how each is written on the command line, its default, and what it expects.
 
-    @wraps(command)
-    def run(**values: Any) -> None:
-        given = {name: values.pop(name) for name in (*_COMMON, *_TEXTS)}
-        given = {name: value for name, value in given.items() if value is not None}
-        for text in values.pop("more") or ():
-            name, equals, value = text.partition("=")
-            name = name.replace("-", "_")
-            if not equals or name in given:
-                raise typer.BadParameter(f"-O {text}: expected NAME=VALUE, each name once.")
-            if name in _RENAMED:
-                raise typer.BadParameter(f"-O {text}: use {_flag(name)} {value}.")
-            given[name] = value
-        command(opener=Opener(values.pop("adapter"), given), **values)
+    Raises:
+        TopokitError: if the adapter is not known, or its options cannot be read.
+    """
+    from topokit.plugins.foreign_code import options_of
+    from topokit.plugins.registry import adapter_for
 
-    keywords = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in own]
-    run.__signature__ = inspect.Signature([*keywords, *shared])  # type: ignore[attr-defined]
-    run.__annotations__ = {parameter.name: parameter.annotation for parameter in (*keywords, *shared)}
-    return run
+    rows = []
+    for name, parameter in (options_of(adapter_for(None, adapter)) or {}).items():
+        if name == "generator":
+            rows.append({"option": "--seed", "default": "0", "expected": "an integer"})
+        elif is_writable(parameter):
+            default = "none" if parameter.default is None else str(parameter.default)
+            rows.append({"option": _flag(name), "default": default, "expected": expected_value(parameter)})
+    return rows
 
 
-def in_shell(message: str, path: Path) -> str:
-    """A message of the library in terms of the command line: "pass level=…" becomes "pass --level …"."""
+def flags_of(known: Mapping[str, inspect.Parameter]) -> list[str]:
+    """The options of an adapter that can be written on the command line, as they are written there."""
+    writable = {name for name, parameter in known.items() if is_writable(parameter) or name in _SAMPLING}
+    return sorted(map(_flag, {*writable, "n_neighbors"}))
+
+
+def _opener(adapter: str | None, more: list[str] | None, **values: Any) -> Opener:
+    """The opener for the values of the options; a usage error if they fit no adapter."""
+    given = {name: value for name, value in values.items() if value is not None}
+    for text in more or ():
+        name, equals, value = text.partition("=")
+        name = name.replace("-", "_")
+        if not equals or name in given:
+            raise typer.BadParameter(f"-O {text}: expected NAME=VALUE, each name once.")
+        if name in _RENAMED:
+            raise typer.BadParameter(f"-O {text}: use {_flag(name)} {value}.")
+        given[name] = value
+    if adapter is not None and adapter not in _adapter_names():
+        raise typer.BadParameter(f"--adapter is {adapter!r}; expected {' or '.join(_adapter_names())}.")
+    for name, value in given.items():
+        if isinstance(value, str):
+            _check_value(adapter, name, value)
+    return Opener(adapter, given)
+
+
+def _check_value(adapter: str | None, name: str, value: str) -> None:
+    """A usage error if no adapter has the option, or none that has it can take the value."""
+    expected = []
+    for parameter in _parameters(adapter, name):
+        try:
+            parse_value(value, parameter)
+        except ValueError as error:
+            expected += str(error).split(" or ")
+        else:
+            return
+    if expected:
+        raise typer.BadParameter(f"{_flag(name)} is {value!r}; expected {' or '.join(dict.fromkeys(expected))}.")
+    whose = "no adapter has an" if adapter is None else f"adapter {adapter!r} has no"
+    raise typer.BadParameter(f"{whose} option {_flag(name)}.")
+
+
+def _parameters(adapter: str | None, name: str) -> list[inspect.Parameter]:
+    """The option of this name of the adapter, or of all that have it."""
+    from topokit.plugins.foreign_code import options_of
+    from topokit.plugins.registry import list_adapters
+
+    found = []
+    for one in list_adapters():
+        opens_paths = one.suffixes or not one.types
+        if one.problem is None and opens_paths and adapter in (None, one.name):
+            try:
+                known = options_of(one)
+            except MissingDependencyError:  # opening a file with it says so
+                known = None
+            if known is None or name in known:
+                found.append(_ANY if known is None else known[name])
+    return found
+
+
+opens_files = bundled("opener", _OPTIONS, _opener)
+
+
+def in_shell(message: str, name: str) -> str:
+    """A message of the library in terms of the command line: "pass level=…" becomes "pass --level …".
+
+    Args:
+        message: of an error.
+        name: of the file, which is left as it is.
+    """
 
     def spelled(match: re.Match[str]) -> str:
-        name, value = match.groups()
-        return f"{_flag(name)} {value}" if value else _flag(name)
+        option, value = match.groups()
+        return f"{_flag(option)} {value}" if value else _flag(option)
 
-    return str(path).join(_IN_PYTHON.sub(spelled, part) for part in message.split(str(path)))
+    return name.join(_IN_PYTHON.sub(spelled, part) for part in message.split(name))

@@ -8,7 +8,13 @@ from contextlib import suppress
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
-_EXPECTED = {int: "an integer", float: "a number", bool: "true or false", NoneType: "none"}
+_EXPECTED: dict[Any, str] = {
+    int: "an integer",
+    float: "a number",
+    bool: "true or false",
+    NoneType: "none",
+    literal_eval: "a value as in Python",
+}
 
 
 def parse_value(text: str, parameter: inspect.Parameter) -> Any:
@@ -26,7 +32,12 @@ def parse_value(text: str, parameter: inspect.Parameter) -> Any:
             value = _take(kind, words)
             if not words:
                 return value
-    raise ValueError(" or ".join(map(_expected, kinds)) or "something that only Python code can give")
+    raise ValueError(expected_value(parameter))
+
+
+def expected_value(parameter: inspect.Parameter) -> str:
+    """What a text for the parameter must be, in words."""
+    return " or ".join(map(_expected, _kinds(parameter))) or "something that only Python code can give"
 
 
 def is_writable(parameter: inspect.Parameter) -> bool:

@@ -75,7 +75,7 @@ def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> Color
     faces = None
     if shape.mesh is not None:
         vertices = shape.mesh[0].detach().cpu().double().numpy()
-        table = _interpolate(positions, table, np.nan_to_num(vertices))  # only vertices without faces may be NaN
+        table = interpolate(positions, table, np.nan_to_num(vertices))  # only vertices without faces may be NaN
         positions, faces = vertices, shape.mesh[1].cpu().numpy()
     fields = dict(zip(("gaussian", "mean", "total", "k_min", "k_max", "area"), table.T[3:], strict=True))
     lengths = np.linalg.norm(table[:, :3], axis=1, keepdims=True)
@@ -83,16 +83,23 @@ def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> Color
     return ColoredSurface(positions, normals, fields, diverging_colors(fields[color_by]), faces)
 
 
-def diverging_colors(values: Floats) -> NDArray[np.uint8]:
-    """(N,) values as (N, 3) colors, blue through white to red, symmetric about zero."""
-    scale = np.quantile(np.abs(values), 0.95)
+def diverging_colors(values: Floats, limit: float | None = None) -> NDArray[np.uint8]:
+    """(N,) values as (N, 3) colors, blue through white to red, symmetric about zero.
+
+    Args:
+        values: (N,).
+        limit: where the colors end; the 95th percentile of the absolute value by default.
+    """
+    scale = np.quantile(np.abs(values), 0.95) if limit is None else limit
     share = np.clip(values / scale, -1, 1) if scale > 0 else np.zeros_like(values)
     blue, white, red = np.array([33, 102, 172]), np.array([247, 247, 247]), np.array([178, 24, 43])
     ends = np.where(share[:, None] < 0, blue, red)
     return np.rint(white + np.abs(share)[:, None] * (ends - white)).astype(np.uint8)
 
 
-def _interpolate(points: Floats, values: Floats, targets: Floats) -> Floats:
-    distances, index = cKDTree(points).query(targets, min(_NEAREST, len(points)))
+def interpolate(points: Floats, values: Floats, targets: Floats, n_nearest: int = _NEAREST) -> Floats:
+    """Values of points (N, ...) at targets (M, 3): distance-weighted means over the nearest points, (M, ...)."""
+    distances, index = cKDTree(points).query(targets, min(n_nearest, len(points)))
     weights = 1 / np.maximum(distances, 1e-3 * distances[:, -1:] + np.finfo(float).tiny)
-    return (values[index] * weights[..., None]).sum(axis=1) / weights.sum(axis=1, keepdims=True)
+    totals = weights.sum(axis=1)
+    return np.einsum("mk,mk...->m...", weights, values[index]) / totals.reshape(-1, *[1] * (values.ndim - 1))

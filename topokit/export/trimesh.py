@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.export.colors import Exportable, Quantity, colored_surface
 
 if TYPE_CHECKING:
     import trimesh
+
+
+def as_trimesh(surface: TriangleSurface) -> trimesh.Trimesh:
+    """Triangles as a `trimesh.Trimesh`; nothing is merged."""
+    import trimesh
+
+    return trimesh.Trimesh(surface.vertices, surface.faces, process=False)
 
 
 def to_trimesh(shape: Exportable, color_by: Quantity | None = "gaussian") -> trimesh.Trimesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,6 +47,13 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
         needs = " and ".join(f"{adapter.name!r}, which needs: {adapter.install}" for adapter in matching)
         raise MissingDependencyError(f"{lead} {needs}")
     return _best(usable, source, lead)
+
+
+def knows(adapters: Sequence[Adapter], path: Path) -> bool:
+    """Whether any of the adapters has the file's suffix or recognizes its content, or that of a folder."""
+    if path.is_file() and any(_suffix_length(adapter, path) for adapter in adapters):
+        return True
+    return os.access(path, os.R_OK) and any(_recognizes(adapter, path) for adapter in adapters)
 
 
 def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:

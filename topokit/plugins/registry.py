@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from topokit.errors import AdapterError, InputError, MissingDependencyError
 from topokit.inputs.files import existing_file
 from topokit.plugins.adapter import Adapter
-from topokit.plugins.choice import choose
+from topokit.plugins.choice import choose, knows
 from topokit.plugins.foreign_code import check_adapter, entry_points, import_adapter, open_with, warn_once, warned_about
 
 if TYPE_CHECKING:
@@ -159,6 +159,18 @@ def adapter_for(source: Any, name: str | None = None) -> Adapter:
     if not found.usable:
         raise MissingDependencyError(f"adapter {name!r} is not usable yet: {found.install}")
     return found
+
+
+def is_known(path: Path, name: str | None = None) -> bool:
+    """Whether an adapter knows a file by content or suffix, installed or not; a folder by content.
+
+    Args:
+        path: a file or folder that exists.
+        name: ask only the adapter of this name, unless it recognizes nothing by itself.
+    """
+    working = [found for found in _adapters() if found.problem is None]
+    named = [found for found in working if found.name == name and found.suffixes]
+    return knows(named or working, path)
 
 
 @cache

@@ -22,7 +22,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import check_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
-from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet
+from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, wire_checks
 from topokit.report.wording import plural, position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
@@ -37,37 +37,40 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         found: the measurements.
     """
     witness = found.witness
-    if found.boundary.curves:
+    is_wire = witness is not None and witness.wire is not None
+    if found.part.boundary.curves and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
     else:
         report = _closed_report(found, witness)
     votes = vote_evidence(witness) if witness is not None else ()
-    deciding = report.reasons if report.verdict == "unsure" else ()
-    supporting = () if deciding else report.reasons
+    deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     started = time.perf_counter()
-    estimate = Evidence("Gauss–Bonnet", found.estimate, None, time.perf_counter() - started)
+    estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, time.perf_counter() - started)
     return replace(
         report,
         name=name,
-        reasons=(*deciding, *notes, *supporting, _curvature_sentence(found)),
+        reasons=(*deciding, *notes, *others, _curvature_sentence(found)),
         evidence=(estimate, *votes),
         estimate=estimate.value,
     )
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    checks = cloud_checks(witness, found.boundary)
+    wire = witness.wire
+    checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
-    sentences = check_sentences(checks, witness)
+    sentences = check_sentences(checks, witness)  # failed checks first, each with a sentence
+    n_deciding = sum(not check.passed for check in checks) or len(sentences)
     return _report(
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
         reasons=(*sentences, *preparation_sentences(witness)),
+        n_deciding=n_deciding,
         components=components,
         n_components=n_surfaces,
         genus=genus,
@@ -77,14 +80,15 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 
 
 def _open_report(found: Examination) -> TopologyReport:
-    witness, curves = found.witness, found.boundary.curves
-    is_solid = witness is not None and not is_open_sheet(found.boundary, witness)
+    witness, curves = found.witness, found.part.boundary.curves
+    is_solid = witness is not None and not is_open_sheet(found.part.boundary, witness)
     components = _cloud_components(found)
     return _report(
         found,
-        euler=witness.euler if witness is not None and is_solid else round(found.estimate),
+        euler=witness.euler if witness is not None and is_solid else round(found.part.estimate),
         verdict="unsure",
-        reasons=(_where_open(found.samples.points, found.curvature, found.boundary), *_refusal(found)),
+        reasons=(_where_open(found.part.samples.points, found.part.curvature, found.part.boundary), *_refusal(found)),
+        n_deciding=1,
         components=components,
         n_components=len(components),
         boundary_loops=len(curves),
@@ -92,12 +96,13 @@ def _open_report(found: Examination) -> TopologyReport:
 
 
 def _without_solid(found: Examination) -> TopologyReport:
-    components = _cloud_components(found)
+    components, reasons = _cloud_components(found), _refusal(found)
     return _report(
         found,
-        euler=round(found.estimate),
+        euler=round(found.part.estimate),
         verdict="unsure",
-        reasons=_refusal(found),
+        reasons=reasons,
+        n_deciding=len(reasons),
         components=components,
         n_components=len(components),
     )
@@ -111,6 +116,7 @@ def _report(
     reasons: tuple[str, ...],
     components: Sequence[SurfaceComponent],
     n_components: int,
+    n_deciding: int,
     genus: int | None = None,
     cavities: int | None = None,
     boundary_loops: int | None = None,
@@ -133,31 +139,37 @@ def _report(
         estimate=None,
         refined=None,
         solid=None,
-        resolution=_SMALLEST * found.boundary.spacing if witness is None else witness.resolution,
+        resolution=_SMALLEST * found.part.boundary.spacing if witness is None else witness.resolution,
         per_component=components,
+        n_deciding=n_deciding,
     )
 
 
 def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
-    """The two families of votes, each with the value that it gives most often."""
+    """The families that voted, each with the value that it gives most often."""
     groups: tuple[tuple[str, tuple[Family, ...]], ...] = (
-        ("Delaunay cuts", ("cut", "smooth cut")),
+        ("Delaunay cuts", ("cut", "smooth cut", "coarse cut")),
         ("winding-number fields", ("field",)),
     )
     n_values = sum(len(vote.eulers) for vote in witness.votes)
     rows = []
     for name, families in groups:
         values = values_of(witness.votes, *families)
+        if not values:
+            continue  # the grids were too coarse for the samples of a large cloud
         most = max(values, key=lambda value: (values.count(value), -abs(value)))
         seconds = witness.seconds["votes"] * len(values) / n_values
         rows.append(Evidence(name, sum(values) / len(values), most, seconds))
+    wire = witness.wire
+    if wire is not None:
+        rows.append(Evidence("union of balls", float(wire.euler), wire.euler, wire.seconds))
     return tuple(rows)
 
 
 def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
     """Connected components of the neighbor graph with their Gauss–Bonnet estimates, largest area first."""
-    points, local = found.samples.points, found.curvature
-    labels = neighbor_components(found.neighbors)
+    points, local = found.part.samples.points, found.part.curvature
+    labels = neighbor_components(found.part.neighbors)
     estimates = euler_by_component(local.gaussian, local.area, labels)
     areas = torch.zeros_like(estimates).index_add(0, labels, local.area)
     shares = (areas / areas.sum().clamp(min=torch.finfo(areas.dtype).tiny)).tolist()
@@ -174,10 +186,11 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
 
 def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
-    if len(witness.faces) == 0:
+    surface = witness.surface
+    if surface is None or len(surface.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu().double().numpy()
-    topology = mesh_topology(vertices, witness.faces)
+    vertices: NDArray[np.float64] = points.cpu().double().numpy()[surface.points]
+    topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()
@@ -188,8 +201,8 @@ def _refusal(found: Examination) -> tuple[str, ...]:
 
 
 def _curvature_sentence(found: Examination) -> str:
-    share = f", {found.boundary.euler:.2f} of it from the boundary" if found.boundary.curves else ""
-    return f"The curvature of {found.samples.n_points} samples sums to χ ≈ {found.estimate:.2f}{share}."
+    share = f", {found.part.boundary.euler:.2f} of it from the boundary" if found.part.boundary.curves else ""
+    return f"The curvature of {found.part.samples.n_points} samples sums to χ ≈ {found.part.estimate:.2f}{share}."
 
 
 def _where_open(points: Tensor, local: Curvature, boundary: BoundaryEstimate) -> str:

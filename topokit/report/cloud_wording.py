@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import values_of
-from topokit.core.cloud.witness import Witness
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 
@@ -20,6 +20,10 @@ _SENTENCES = {
     "smoothing": (
         "The original and the smoothed points both give χ = {euler}.",
         "The original points give χ = {original}, the smoothed points {smoothed}; the best answer is {euler}.",
+    ),
+    "convergence": (
+        "{n_used} samples and half as many both give χ = {euler}.",
+        "{n_used} samples give χ = {original}, half as many {coarse}; the best answer is {euler}.",
     ),
     "agreement": (
         "{value:.0%} of all votes, by weight, give χ = {euler}.",
@@ -55,6 +59,31 @@ _SENTENCES = {
         "Only {value:.1%} of the given normals are confirmed by the points.",
     ),
     "contradictory": ("", "The given normals contradict each other: {value:.0%} point the wrong way."),
+    "wire_range": (
+        "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
+        "of balls around the points gives χ = {euler} for radii from {smallest:.2g} to {largest:.2g} sample spacings, "
+        "a ratio of {value:.2g}.",
+        "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
+        "of balls around the points gives χ = {euler} only for radii from {smallest:.2g} to {largest:.2g} sample "
+        "spacings.",
+    ),
+    "wire_share": (
+        "{value:.0%} of all radii, by weight, give that integer.",
+        "Only {value:.0%} of all radii of the balls, by weight, give χ = {euler}.",
+    ),
+    "wire_contrast": (
+        "The next integer has 1/{value:.2g} of their weight.",
+        "The next integer has 1/{value:.2g} of their weight, and no Delaunay cut gives χ = {euler}.",
+    ),
+    "wire_contrast_supported": (
+        "The next integer has 1/{value:.2g} of their weight, and a Delaunay cut gives χ = {euler}, too.",
+        "The next integer has 1/{value:.2g} of their weight.",
+    ),
+    "wire_narrowness": (
+        "",
+        "Neighborhoods of 100 points are not one-dimensional (ratio of variances {value:.2f}): wires run close to each "
+        "other.",
+    ),
     "second look": (
         "",
         "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "
@@ -77,13 +106,20 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     """How the points were reduced and where their normals come from, where that is worth saying."""
     sentences = []
     n_points, n_used = witness.n_points, witness.n_used
-    if witness.is_downsampled:
+    if witness.preparation == "averaged":
         sentences.append(
-            f"Of {n_points} points, {n_used}, evenly spread, were used; features smaller than their spacing are not "
-            "seen."
+            f"The noise is larger than the distances between the {n_points} points: {n_used} evenly spread samples, "
+            "averaged over their neighbors, were used."
+        )
+    elif witness.is_downsampled:
+        sentences.append(
+            f"Normals come from all {n_points} points, the integer from {n_used} samples of them, taken densely where "
+            "features are small."
         )
     elif n_used < n_points:
         sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
+    if witness.wire is not None and witness.wire.n_stray:
+        sentences.append(f"{plural(witness.wire.n_stray, 'point')} far from all wires were left out.")
     signs = witness.signs
     if signs.source == "reversed":
         sentences.append(f"The given normals point inward ({signs.confirmed:.0%} agree); they were reversed.")
@@ -97,7 +133,7 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
 
 
 def _numbers(witness: Witness) -> dict[str, object]:
-    cuts, fields = values_of(witness.votes, "cut", "smooth cut"), values_of(witness.votes, "field")
+    cuts, fields = values_of(witness.votes, "cut", "smooth cut", "coarse cut"), values_of(witness.votes, "field")
     return {
         "euler": witness.euler,
         "cuts": len(cuts),
@@ -105,7 +141,11 @@ def _numbers(witness: Witness) -> dict[str, object]:
         "fields": len(fields),
         "n_fields": fields.count(witness.euler),
         "original": values_of(witness.votes, "cut")[0],
-        "smoothed": values_of(witness.votes, "smooth cut")[0],
+        "smoothed": next(iter(values_of(witness.votes, "smooth cut")), None),
+        "coarse": next(iter(values_of(witness.votes, "coarse cut")), None),
+        "n_used": witness.n_used,
         "surfaces": plural(witness.components + witness.cavities, "closed surface"),
+        "smallest": 0.0 if witness.wire is None else witness.wire.smallest,
+        "largest": 0.0 if witness.wire is None else witness.wire.largest,
         "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
     }

@@ -14,6 +14,7 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         counted: the answer.
     """
     components, closed = counted.components, counted.closed
+    deciding, others = counted.reasons[: counted.n_deciding], counted.reasons[counted.n_deciding :]
     genus = components.genus
     return TopologyReport(
         name=name,
@@ -26,11 +27,12 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         boundary_loops=counted.boundary_loops,
         closed=closed,
         verdict=counted.verdict,
-        reasons=notes + counted.reasons,
+        reasons=deciding + notes + others,
         evidence=(counted.evidence, *counted.further),
         estimate=None,
         refined=None,
         solid=None,
         resolution=counted.resolution,
         per_component=components,
+        n_deciding=len(deciding),
     )

@@ -28,6 +28,7 @@ def function_answer(
     adds_up = components.euler.sum() == found.euler
     verdict = function_verdict(found.has_converged, reaches_box=bool(faces), adds_up=adds_up)
     finest = found.counts[-1]
+    deciding, others = _reasons(found, faces, adds_up=bool(adds_up))
     return CountedAnswer(
         evidence=Evidence(
             f"grids of {found.counts[0].n_cells} to {finest.n_cells} cells",
@@ -39,7 +40,8 @@ def function_answer(
         closed=not faces,
         boundary_loops=None if faces else 0,
         verdict=verdict,
-        reasons=_reasons(found, faces, verdict == "likely"),
+        reasons=(*deciding, *others),
+        n_deciding=len(deciding),
         resolution=2 * found.counts[max(0, len(found.counts) - 3)].step,
     )
 
@@ -53,31 +55,42 @@ def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner)
     ]
 
 
-def _reasons(found: ConvergenceStudy, faces: list[str], likely: bool) -> tuple[str, ...]:
-    counts = found.counts
-    lines = [f"Surface χ by counting on grids: {'; '.join(str(count) for count in counts)}."]
+def _reasons(found: ConvergenceStudy, faces: list[str], *, adds_up: bool) -> tuple[list[str], list[str]]:
+    """Sentences that decided the verdict, and the others."""
+    deciding: list[str] = []
     if faces:
-        lines.append(
+        deciding.append(
             f"The zero set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
             "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
         )
-    if found.has_converged:
-        lines.append(
-            f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
-            "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
-            f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
-        )
-    else:
-        seen = sorted(
-            {value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.shifted_eulers)
-        )
-        lines.append(
-            f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
-            "those with the level moved by up to a tenth of a cell's change included; features near "
-            f"{counts[-1].step:.3g} decide."
-        )
-    if not likely and found.has_converged and not faces:
-        lines.append("The surfaces of the grid that is kept do not add up to that integer.")
+    if not found.has_converged:
+        deciding.append(_unsettled(found))
+    elif not adds_up:
+        deciding.append("The surfaces of the grid that is kept do not add up to that integer.")
     share = found.n_evaluations / found.n_vertices
-    lines.append(f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.")
-    return tuple(lines)
+    others = [
+        f"Surface χ by counting on grids: {'; '.join(str(count) for count in found.counts)}.",
+        f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.",
+    ]
+    if found.has_converged:
+        (others if deciding else deciding).insert(0, _settled(found))
+    return deciding, others
+
+
+def _settled(found: ConvergenceStudy) -> str:
+    counts = found.counts
+    return (
+        f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
+        "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
+        f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
+    )
+
+
+def _unsettled(found: ConvergenceStudy) -> str:
+    counts = found.counts
+    seen = sorted({value for count in counts for value in (count.euler_26, count.euler_6)} | set(found.shifted_eulers))
+    return (
+        f"The answer is not settled: {found.euler} was seen most often, of the values {', '.join(map(str, seen))}, "
+        "those with the level moved by up to a tenth of a cell's change included; features near "
+        f"{counts[-1].step:.3g} decide."
+    )

@@ -23,7 +23,13 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
         boundary_loops=topology.boundary_loops if topology.is_manifold else None,
         verdict=mesh_verdict(topology.is_closed, exact_vertices),
         reasons=_reasons(topology),
+        n_deciding=1 + sum(map(bool, _faults(topology))),
     )
+
+
+def _faults(topology: MeshTopology) -> tuple[int, int, int]:
+    """The numbers of what keeps a mesh from being a closed manifold."""
+    return topology.boundary_edges, topology.nonmanifold_edges, topology.pinched_vertices
 
 
 def _reasons(topology: MeshTopology) -> tuple[str, ...]:

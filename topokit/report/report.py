@@ -11,6 +11,7 @@ from typing import Any
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError
+from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
 
@@ -47,6 +48,7 @@ class CountedAnswer:
         reasons: sentences with their numbers.
         resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.
         further: additional evidence.
+        n_deciding: how many of the first reasons decided the verdict.
     """
 
     evidence: Evidence
@@ -57,6 +59,7 @@ class CountedAnswer:
     reasons: tuple[str, ...]
     resolution: float | None = None
     further: tuple[Evidence, ...] = ()
+    n_deciding: int = 1
 
 
 @dataclass(frozen=True)
@@ -76,13 +79,15 @@ class TopologyReport:
         closed: whether the surface is closed, as far as its samples show.
         verdict: "certain" is proven by counting; "likely" means that independent evidence agrees; "unsure" means that
             it does not, that there is too little of it, or that the surface is open.
-        reasons: sentences with their numbers; those that decided an "unsure" come first.
+        reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
         estimate: the Gauss–Bonnet estimate χ⁽⁰⁾, or None if it was not computed.
         refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
         solid: the solid that a mesh encloses by winding number, or None if it was not computed.
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
+        n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
+        location: where handles, boundaries and defects are, or None if they were not looked for.
     """
 
     name: str
@@ -102,10 +107,12 @@ class TopologyReport:
     solid: EnclosedSolid | None
     resolution: float | None
     per_component: Sequence[SurfaceComponent]
+    n_deciding: int = 0
+    location: Location | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
-        rows: dict[str, Any] = _plain(self)
+        rows: dict[str, Any] = plain(self)
         return rows
 
     def to_json(self, indent: int | None = None) -> str:
@@ -125,15 +132,25 @@ class TopologyReport:
                 f"bounding a solid of {plural(solids, 'component')} with {plural(tunnels, 'tunnel')} and "
                 f"{plural(cavities, 'cavity', 'cavities')}"
             )
-        return "\n".join([", ".join(parts), *(f"  - {reason}" for reason in self.reasons)])
+        marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
+        lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
+        places = () if self.location is None else self.location.lines()
+        return "\n".join([", ".join(parts), *lines, *(f"  - {place}" for place in places)])
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        from topokit.report.html import notebook_html
+
+        return notebook_html(self)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Records as dictionaries, sequences as lists, numbers that are not finite as None."""
     if is_dataclass(value) and not isinstance(value, Sequence):
-        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+        told = (one.name for one in fields(value) if one.metadata.get("json", True))
+        return {name: plain(getattr(value, name)) for name in told}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(one) for one in value]
+        return [plain(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

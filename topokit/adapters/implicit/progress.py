@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ def progress_bar(name: str, finest: int) -> Iterator[Progress]:
     from rich.progress import Progress as Bar
 
     console = Console(stderr=True)
-    if not (sys.stderr.isatty() or console.is_jupyter):
+    if not (console.is_interactive or console.is_jupyter):  # rich leaves out terminals that cannot draw
         yield no_progress
         return
     started = time.perf_counter()

@@ -43,6 +43,12 @@ def read_table(path: Path) -> NDArray[np.float64]:
         return np.loadtxt(itertools.chain([normalized(first)], rest), usecols=columns, ndmin=2)
 
 
+def holds_rows(path: Path) -> bool:
+    """Whether the beginning of a text file has a row of three numbers, as tables and prose seldom have."""
+    beginning = head(path).decode("utf-8-sig", errors="replace").splitlines()
+    return next(_rows(beginning, _commas_as_blanks), None) is not None
+
+
 def _rows(lines: Iterable[str], normalized: Callable[[str], str]) -> Iterator[str]:
     """Lines without their comments that begin with three numbers."""
     for line in lines:

@@ -25,7 +25,9 @@ from topokit.core.grid.euler import (
 )
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid, Spacing
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.grid.level_surface import level_surface
+from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file
@@ -46,7 +48,7 @@ def from_voxels(
     label: float | None = None,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
@@ -66,7 +68,7 @@ def from_voxels(
         label: voxels equal to it are inside; then there is no level.
         origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
-        n_neighbors: number of nearest neighbors.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
@@ -82,15 +84,11 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, file_spacing = "voxels", None
-    if isinstance(volume, str | os.PathLike):
-        path = existing_file(volume)
-        name, (volume, file_spacing) = path.name, read_volume(path)
-    values = _as_volume(volume)
+    name, values, steps = open_volume(volume, spacing)
     x, y, z = values.shape
-    grid = Grid((x, y, z), _as_spacing(file_spacing if spacing is None else spacing), _as_position(origin))
+    grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
     label = None if label is None else _as_number("label", label)
     level, notes = _level_and_notes(values, level, label)
@@ -103,6 +101,7 @@ def from_voxels(
     return Shape(
         lambda: volume_samples(field.detached(), grid, n_samples, torch.Generator().manual_seed(seed)),
         lambda: _count(field),
+        surface=field.surface,
         field=field,
         name=name,
         notes=notes,
@@ -143,6 +142,10 @@ class VoxelField(Field):
             return surface_euler(self.inside(), 0, connectivity)
         return surface_euler(self.volume.detach(), self.level, connectivity)
 
+    def surface(self) -> TriangleSurface:
+        """The closed surface as triangles, in the field's own connectivity."""
+        return level_surface(self.detached(), self.grid, self.connectivity)
+
     def _is_inside(self, voxels: Tensor) -> Tensor:
         return voxels == self.label if self.label is not None else voxels.detach() > self.level
 
@@ -161,6 +164,17 @@ def _count(field: VoxelField) -> CountedAnswer:
     components = grid_surfaces(inside, field.connectivity, field.grid)
     other_euler = int(field.exact_euler(dual_connectivity(field.connectivity)))
     return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
+
+
+def open_volume(
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None
+) -> tuple[str, Tensor, Spacing]:
+    """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
+    name, file_spacing = "voxels", None
+    if isinstance(volume, str | os.PathLike):
+        path = existing_file(volume)
+        name, (volume, file_spacing) = path.name, read_volume(path)
+    return name, _as_volume(volume), _as_spacing(file_spacing if spacing is None else spacing)
 
 
 def _as_volume(volume: object) -> Tensor:
@@ -182,7 +196,8 @@ def _as_spacing(spacing: float | Spacing | None) -> Spacing:
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
-def _as_position(origin: Corner) -> Corner:
+def as_position(origin: Corner) -> Corner:
+    """Three finite numbers, or an `InputError`."""
     try:
         x, y, z = (float(value) for value in origin)
     except (TypeError, ValueError) as error:

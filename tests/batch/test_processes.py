@@ -1,0 +1,87 @@
+"""Tasks in several processes: order, deaths, and an early end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import islice
+
+import pytest
+
+from topokit.batch import processes
+from topokit.batch.processes import map_in_processes
+
+
+def after_death(task: float, how: str) -> str:
+    return f"{task} died: {how}"
+
+
+def test_results_come_in_the_order_of_the_tasks() -> None:
+    tasks = [0.4, 0.0, 0.1, 0.0, 0.0]
+    assert list(map_in_processes(time.sleep, tasks, 2, after_death)) == [None] * 5
+    words = [f"word {n}" for n in range(40)]
+    assert list(map_in_processes(str.upper, words, 3, after_death)) == [word.upper() for word in words]
+
+
+def test_a_process_that_dies_costs_one_result() -> None:
+    found = list(
+        map_in_processes(signal.raise_signal, [signal.SIGWINCH, signal.SIGSEGV, signal.SIGWINCH], 2, after_death)
+    )
+    assert found[::2] == [None, None]
+    assert str(found[1]).endswith("died: SIGSEGV, Segmentation fault")
+    found = list(map_in_processes(os._exit, [3], 1, after_death))
+    assert found == ["3 died: exit code 3"]
+    found = list(map_in_processes(signal.raise_signal, [signal.SIGKILL], 1, after_death))
+    assert "SIGKILL, Killed: perhaps the memory was used up" in str(found[0])
+
+
+def test_what_a_function_prints_does_not_disturb(capfd: pytest.CaptureFixture[str]) -> None:
+    assert list(map_in_processes(os.system, ["echo noise"], 1, after_death)) == [0]
+    found = capfd.readouterr()
+    assert (found.out, found.err) == ("", "noise\n")
+
+
+def test_processes_end_with_the_iterator() -> None:
+    started = time.perf_counter()
+    coming = map_in_processes(time.sleep, [0.0, 100.0, 100.0], 2, after_death)
+    assert next(coming) is None
+    coming.close()
+    assert time.perf_counter() - started < 60
+    with pytest.raises(StopIteration):
+        next(coming)
+
+
+def test_few_tasks_are_taken_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "_AHEAD", 3)
+    taken = []
+
+    def tasks() -> object:
+        for n in range(100):
+            taken.append(n)
+            yield str(n)
+
+    coming = map_in_processes(str.upper, tasks(), 2, after_death)  # type: ignore[arg-type]
+    assert list(islice(coming, 2)) == ["0", "1"]
+    assert len(taken) <= 5
+    coming.close()
+
+
+def test_threads_are_shared_among_the_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in processes._THREADS:
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(processes, "n_cores", lambda: 8)
+    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"] * 3, 4, after_death)) == ["2"] * 3
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"], 4, after_death)) == ["7"]
+
+
+def test_a_script_needs_no_guard() -> None:
+    script = (
+        "from topokit.batch.processes import map_in_processes\n"
+        "print(list(map_in_processes(str.upper, ['a', 'b'], 2, None)))\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100)
+    assert (ran.stdout, ran.stderr) == ("['A', 'B']\n", "")

@@ -1,0 +1,185 @@
+"""A survey: rows as they come, the same in one process and in several, and numbers about the set."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+import topokit as tk
+from topokit.batch.examine import COLUMNS
+from topokit.batch.processes import n_cores
+from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+CRASHING = '''
+"""A reader that ends its process."""
+import os
+from topokit import Adapter
+
+class Crash(Adapter):
+    name, description, suffixes = "crash", "files that end the process", (".crash",)
+
+    def open(self, source, *, n_samples=10):
+        os.abort() if "abort" in source.name else 1 / 0
+'''
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("sphere.ply", "torus.stl", "bowl.obj", "edge_sharing_cubes.obj", "truncated.stl"):
+        shutil.copy(DATA / name, tmp_path)
+    np.savetxt(tmp_path / "points.xyz", sphere_samples(600).points.numpy())
+    return tmp_path
+
+
+def without_times(rows: list[dict[str, object]]) -> list[dict[str, object]]:
+    return [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
+
+
+def test_rows_are_plain_and_complete(folder: Path) -> None:
+    survey = tk.survey(folder)
+    assert [Path(name).name for name in survey.files] == sorted(path.name for path in folder.iterdir())
+    rows = {Path(row["file"]).name: row for row in survey.rows}
+    assert all(tuple(row) == COLUMNS for row in rows.values())
+    assert all(type(value) in (str, int, float, bool, type(None)) for row in rows.values() for value in row.values())
+    shown = ("verdict", "euler", "genus", "components", "tunnels", "boundary_loops", "closed", "manifold", "adapter")
+    assert [rows["torus.stl"][key] for key in shown] == ["certain", 0, 1, 1, 1, 0, True, True, "mesh"]
+    assert [rows["bowl.obj"][key] for key in shown] == ["unsure", 1, 0, 1, None, 1, False, True, "mesh"]
+    assert [rows["edge_sharing_cubes.obj"][key] for key in shown[-3:]] == [False, False, "mesh"]
+    assert rows["points.xyz"]["adapter"] == "points"
+    assert "truncated.stl" in rows["truncated.stl"]["error"]
+    assert rows["truncated.stl"]["euler"] is None
+
+
+def test_processes_change_nothing(folder: Path) -> None:
+    assert without_times(tk.survey(folder, jobs=2).rows) == without_times(tk.survey(folder).rows)
+
+
+def test_rows_come_one_by_one_and_nothing_is_examined_twice(folder: Path) -> None:
+    survey = tk.survey([folder / "sphere.ply", folder / "gone.ply", folder / "torus.stl"])
+    assert next(iter(survey))["euler"] == 2
+    assert repr(survey) == "Survey(3 files, 1 examined)"
+    (folder / "sphere.ply").unlink()
+    assert [row["euler"] for row in survey.rows] == [2, None, 0]
+    shutil.rmtree(folder)
+    one, other = iter(survey), iter(survey)
+    assert [(next(one)["file"], next(other)["file"]) for _ in range(3)] == [(name, name) for name in survey.files]
+
+
+def test_two_readers_of_a_survey_share_its_rows(folder: Path) -> None:
+    survey = tk.survey(folder)
+    one, other = iter(survey), iter(survey)
+    pairs = [(next(one)["file"], next(other)["file"]) for _ in survey.files]
+    assert pairs == [(name, name) for name in survey.files]
+    assert len(survey.rows) == len(survey.files)
+
+
+def test_a_file_that_ends_its_process_costs_one_row(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    package = tmp_path_factory.mktemp("package")
+    (package / "topokit_crash.py").write_text(CRASHING)
+    info = package / "crash-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: crash\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[topokit.adapters]\ncrash = topokit_crash:Crash\n")
+    monkeypatch.syspath_prepend(str(package))
+    tk.refresh_adapters()
+    (folder / "abort.crash").write_text("x")
+    (folder / "divide.crash").write_text("x")
+    rows = {Path(row["file"]).name: row for row in tk.survey(folder, jobs=2)}
+    monkeypatch.undo()
+    tk.refresh_adapters()
+    assert rows["abort.crash"]["error"].endswith("the process that examined it died (SIGABRT, Aborted).")
+    assert "ZeroDivisionError" in rows["divide.crash"]["error"]
+    assert sum(row["error"] is None for row in rows.values()) == 5  # truncated.stl is the third that failed
+
+
+def test_a_bug_in_lazy_code_is_a_row_too(tmp_path: Path) -> None:
+    def open_it(path: Path) -> tk.Shape:
+        """Samples that cannot be made."""
+        return tk.Shape(lambda: 1 // 0)  # type: ignore[arg-type, return-value]
+
+    tk.register_adapter("lazy", open_it, suffixes=(".lazy",), overwrite=True)
+    (tmp_path / "a.lazy").write_text("x")
+    (row,) = tk.survey(tmp_path).rows
+    assert row["error"].endswith(
+        "a.lazy could not be examined (ZeroDivisionError: integer division or modulo by zero)."
+    )
+
+
+def test_labels_have_rows_of_their_own(tmp_path: Path) -> None:
+    volume = np.zeros((9, 9, 9), dtype=np.uint8)
+    volume[1:6, 1:6, 1:6], volume[3, 3, 1:6], volume[7, 7, 7] = 4, 9, 9
+    np.save(tmp_path / "parts.npy", volume)
+    shutil.copy(DATA / "sphere.ply", tmp_path)
+    rows = tk.survey(tmp_path, labels="all", connectivity=6).rows
+    assert [(row["label"], row["genus"], row["components"]) for row in rows[:2]] == [(4, 1, 1), (9, 0, 2)]
+    assert "labels are those of volumes" in rows[2]["error"]
+    (row,) = tk.survey(tmp_path / "parts.npy", labels=[9], level=3.0).rows
+    assert row["error"].endswith("with labels there is no level=…; leave it out.")
+
+
+def test_every_file_has_the_same_seed(folder: Path) -> None:
+    files = [folder / "torus.stl"] * 2
+    for generator in (5, torch.Generator().manual_seed(5)):
+        first, second = tk.survey(files, details=True, generator=generator, n_samples=300).rows
+        assert first["estimate"] == second["estimate"]
+    assert tk.survey(files[:1], details=True, n_samples=300).rows[0]["estimate"] != first["estimate"]
+
+
+def test_details_are_columns(folder: Path) -> None:
+    (row,) = tk.survey(folder / "sphere.ply", details=True).rows
+    assert abs(row["estimate"] - 2) < 0.5
+    assert row["refined"] is not None
+
+
+def test_a_page_of_all_files(folder: Path) -> None:
+    tk.survey(folder, jobs=2).save_html(folder / "page.html", title="All of them")
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert page.count("data:image/webp") == 5
+    assert "All of them" in page
+    assert "truncated.stl" in page
+    with pytest.raises(tk.InputError, match="must be called"):
+        tk.survey(folder).save_html(folder / "page.txt")
+
+
+def meshes(folder: Path, genera: list[int]) -> Path:
+    folder.mkdir()
+    for number, genus in enumerate(genera):
+        mesh = icosphere(1) if genus == 0 else torus_mesh(8, 5) if genus == 1 else genus_mesh(genus, resolution=8)
+        tk.from_mesh(mesh).to_trimesh().export(folder / f"{number}.off")
+    return folder
+
+
+def test_a_set_in_numbers(folder: Path) -> None:
+    summary = tk.survey(folder).summary()
+    assert (summary.n_shapes, summary.n_errors) == (5, 1)
+    assert summary.closed == summary.closed_manifold == 3 / 5
+    assert summary.manifold == 4 / 5
+    assert sum(summary.verdicts.values()) == 1
+    assert summary.genus[1] == 1
+    assert sum(summary.genus.values()) == sum(summary.components.values()) == 5
+
+
+def test_the_distance_between_two_sets(tmp_path: Path) -> None:
+    learned, made = (meshes(tmp_path / name, genera) for name, genera in (("a", [0, 0, 1, 1]), ("b", [0, 1, 1, 2])))
+    first, second = tk.survey(learned), tk.survey(made)
+    assert first.distance(first).total_variation == 0
+    assert first.distance(second).total_variation == second.distance(first).total_variation == 0.25
+    assert first.distance(second).genus_wasserstein == 0.5  # two of four shapes change by one handle each
+    with pytest.raises(tk.InputError, match="has no shape that could be examined"):
+        first.distance(tk.survey(tmp_path / "gone"))
+
+
+def test_jobs_are_checked(folder: Path) -> None:
+    with pytest.raises(tk.InputError, match="jobs must be 0 or more, not -1"):
+        tk.survey(folder, jobs=-1)
+    assert n_cores() >= 1
+    assert tk.survey([]).rows == []
+    assert tk.survey([], jobs=2).rows == []

@@ -1,0 +1,141 @@
+"""A page in a real browser: no errors, a table that sorts and filters, and a click that centers a handle."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from browser import opened_page
+from PIL import Image
+
+import topokit as tk
+from topokit.export.picture import MARK_COLORS
+from topokit.export.scene import Mark, scene_of
+from topokit.pages import Entry, Fragment, page_of, write_html
+from topokit.pages.details import details_html
+from topokit.pages.geometry import pack
+from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>.obj"
+OFFSET = np.array([500.0, -20.0, 3.0])
+ANGLE = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+AROUND_TUBE = np.stack((1 + 0.4 * np.cos(ANGLE), 0 * ANGLE, 0.4 * np.sin(ANGLE)), axis=1) + OFFSET
+MARKS = (
+    Mark("handle", "handle loop 1", AROUND_TUBE, "loop"),
+    Mark("defect", "a pinched vertex", OFFSET[None] + (0, 1.4, 0), "dots"),
+)
+
+
+def torus_fragment() -> Fragment:
+    vertices, faces = torus_mesh()
+    shape = tk.from_mesh((vertices + OFFSET, faces))
+    scene = scene_of(shape, MARKS, max_faces=20_000, max_points=100)
+    made = page_of(shape, shape.report())
+    return replace(made, details=details_html(shape.report(), MARKS, "A note on the view."), scene=pack(scene))
+
+
+@pytest.fixture(scope="module")
+def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "shapes.html"
+    shapes = (
+        tk.from_mesh(icosphere(2)),
+        tk.from_mesh(genus_mesh(12, resolution=12)),
+        tk.from_points(sphere_samples(2_000).points),
+    )
+    entries = [Entry("torus", torus_fragment(), seconds=2.0)]
+    entries += [Entry(f"{i}.obj", page_of(shape, shape.report()), seconds=10.0 * i) for i, shape in enumerate(shapes)]
+    entries.append(Entry(HOSTILE, None, error=f"{HOSTILE} is empty"))
+    write_html(entries, path)
+    return path
+
+
+@pytest.fixture
+def page(page_file: Path) -> Iterator[Page]:
+    with opened_page() as (page, complaints):
+        page.goto(page_file.as_uri())
+        yield page
+        assert complaints == []
+
+
+def names(page: Page) -> list[str]:
+    return page.locator("#shapes tbody tr:visible .name").all_text_contents()
+
+
+def target(page: Page) -> np.ndarray:
+    return np.array(page.locator("#canvas").get_attribute("data-target").split(","), dtype=float)
+
+
+def test_the_table_sorts_and_filters(page: Page) -> None:
+    as_written = ["torus", "0.obj", "1.obj", "2.obj", HOSTILE]
+    assert names(page) == as_written
+    page.click("th[data-key=euler]")
+    assert names(page) == ["1.obj", "torus", "0.obj", "2.obj", HOSTILE], "numbers by size, nothing last"
+    page.click("th[data-key=euler]")
+    assert names(page) == ["0.obj", "2.obj", "torus", "1.obj", HOSTILE]
+    page.fill("#filter", "genus>0 χ<=0")
+    assert names(page) == ["torus", "1.obj"]
+    assert page.text_content("#shown") == "2 of 5 shown"
+    page.fill("#filter", "pinched nothing")
+    assert names(page) == []
+    page.fill("#filter", "")
+    page.click("#verdicts .certain")
+    assert names(page) == ["2.obj", HOSTILE]
+
+
+def test_a_click_centers_a_handle(page: Page) -> None:
+    page.click("text=torus")
+    page.wait_for_selector("#canvas[data-target]")
+    np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
+    page.click("text=handle loop 1")
+    page.wait_for_selector("#canvas[data-chosen='0']")
+    page.wait_for_timeout(1_500)
+    np.testing.assert_allclose(target(page), MARKS[0].center, atol=2e-3)
+    page.click("text=a pinched vertex")
+    page.wait_for_timeout(1_500)
+    np.testing.assert_allclose(target(page), MARKS[1].center, atol=2e-3)
+    page.click("text=Whole")
+    np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
+
+
+def test_the_view_shows_the_surface_and_its_lines(page: Page) -> None:
+    page.click("text=torus")
+    page.wait_for_timeout(1_000)
+    view = np.asarray(Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")).astype(int)
+    red, green, blue = np.moveaxis(view, 2, 0)
+    assert ((red - blue > 40) & (np.abs(green - blue) < 60)).mean() > 0.03, "the outside of the torus"
+    assert ((blue - red > 40) & (blue - green > 10)).mean() > 0.01, "its inside"
+    near = np.abs(view - np.array(MARK_COLORS["handle"])).sum(axis=2) < 60
+    assert near.sum() > 100, "the handle loop"
+
+
+def test_steps_and_addresses_lead_from_shape_to_shape(page: Page, page_file: Path) -> None:
+    page.goto(f"{page_file.as_uri()}#shape-4")
+    assert page.text_content("#heading") == "2.obj"
+    page.click("#next")
+    page.wait_for_function("document.querySelector('#heading').textContent.includes('script')")
+    assert page.text_content("#heading") == HOSTILE
+    assert f"{HOSTILE} is empty" in str(page.text_content("#details"))
+    assert page.locator("#message").is_visible()
+    page.keyboard.press("Escape")
+    page.wait_for_selector("#list", state="visible")
+    page.click("text=1.obj")
+    page.wait_for_selector("#canvas[data-target]")
+
+
+def test_a_single_shape_is_shown_at_once(tmp_path: Path) -> None:
+    tk.from_points(sphere_samples(3_000).points).save_html(tmp_path / "one.html")
+    with opened_page(700, 500) as (page, complaints):
+        page.goto((tmp_path / "one.html").as_uri())
+        page.wait_for_selector("#canvas[data-target]")
+        assert page.locator("#list").is_hidden()
+        assert page.locator("#back").is_hidden()
+        assert "likely" in str(page.text_content("#details"))
+        assert complaints == []

@@ -1,0 +1,100 @@
+"""Labeled volumes: every label as a shape of its own, from one reading of the volume."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from numbers import Integral
+from typing import Literal
+
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from topokit.adapters.voxels.adapter import as_position, from_voxels, open_volume
+from topokit.core.components import Corner
+from topokit.core.draws import deferred_seed
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.grid import Spacing
+from topokit.core.grid.labels import Box, label_boxes
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.errors import InputError
+from topokit.report.wording import plural
+from topokit.shape import Shape
+
+Labels = Literal["all"] | Sequence[int]
+
+
+def from_labels(
+    volume: str | os.PathLike[str] | Tensor | ArrayLike,
+    labels: Labels = "all",
+    *,
+    spacing: float | Spacing | None = None,
+    connectivity: int = DEFAULT_CONNECTIVITY,
+    origin: Corner = (0.0, 0.0, 0.0),
+    n_samples: int = 10_000,
+    n_neighbors: int = DEFAULT_NEIGHBORS,
+    generator: torch.Generator | None = None,
+) -> dict[int, Shape]:
+    """The solids of a labeled volume, such as a segmentation, by their labels.
+
+    Each shape is that of `from_voxels(volume, label=label)`, but is counted within the label's own box: all 150 labels
+    of a volume of 200³ voxels take about as long as five counts of the whole volume.
+
+    Args:
+        volume: (X, Y, Z) whole numbers, as a tensor, an array or a path; 0 and NaN are background.
+        labels: the labels that are wanted, or "all".
+        spacing: as for `from_voxels`.
+        connectivity: as for `from_voxels`, of each label by itself.
+        origin: as for `from_voxels`.
+        n_samples: as for `from_voxels`.
+        n_neighbors: as for `from_voxels`.
+        generator: as for `from_voxels`; every label has the same seed.
+
+    Returns:
+        Shapes by label: in the given order, or ascending for "all".
+
+    Raises:
+        ReadError, MissingDependencyError: as for `from_voxels`.
+        InputError: as for `from_voxels`; or if values are no whole numbers, a label has no voxel, or there is none.
+
+    Example:
+        >>> import numpy as np, topokit as tk
+        >>> volume = np.zeros((5, 5, 7), dtype=int)
+        >>> volume[1:4, 1:4, 1:6] = 7
+        >>> volume[2, 2, 1:6] = 4
+        >>> {label: shape.genus() for label, shape in tk.from_labels(volume).items()}
+        {4: 0, 7: 1}
+    """
+    name, values, steps = open_volume(volume, spacing)
+    boxes = label_boxes(values)
+    first, seed = as_position(origin), deferred_seed(generator)
+    shapes = {}
+    for label in _wanted(name, labels, boxes):
+        x, y, z = (start + step * side.start for start, step, side in zip(first, steps, boxes[label], strict=True))
+        shape = from_voxels(
+            values[boxes[label]],
+            label=label,
+            spacing=steps,
+            connectivity=connectivity,
+            origin=(x, y, z),
+            n_samples=n_samples,
+            n_neighbors=n_neighbors,
+            generator=torch.Generator().manual_seed(seed),
+        )
+        shapes[label] = shape.replace(name=f"{name}, label {label}")
+    return shapes
+
+
+def _wanted(name: str, labels: Labels, boxes: dict[int, Box]) -> list[int]:
+    """The labels to open, each of which has a box."""
+    if not boxes:
+        raise InputError(f"{name} has no label: all its voxels are background, 0 or NaN.")
+    if labels == "all":
+        return list(boxes)
+    if isinstance(labels, str) or not all(isinstance(label, Integral) for label in labels):
+        raise InputError(f'labels must be "all" or whole numbers, got {labels!r}.')
+    if missing := [str(label) for label in labels if label not in boxes]:
+        held = f"{plural(len(boxes), 'label')}, from {min(boxes)} to {max(boxes)}"
+        raise InputError(f"no voxel has the label {', '.join(missing)}; {name} has {held}.")
+    return [int(label) for label in labels]

@@ -1,0 +1,200 @@
+"""The examination of one file: a row for each shape in it, and whatever else was asked for; an error is a row, too."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from topokit.batch.sources import Source
+from topokit.errors import InputError, TopokitError
+from topokit.plugins.foreign_code import foreign_code
+
+if TYPE_CHECKING:
+    from topokit.pages import Fragment
+    from topokit.report.report import TopologyReport
+    from topokit.shape import Shape
+
+Row = dict[str, Any]
+Options = Callable[[Path], tuple[str, Mapping[str, Any]]]  # name of the adapter for a file, and its options
+
+COLUMNS = (
+    "file",
+    "label",
+    "adapter",
+    "verdict",
+    "euler",
+    "genus",
+    "components",
+    "cavities",
+    "tunnels",
+    "boundary_loops",
+    "closed",
+    "manifold",
+    "resolution",
+    "estimate",
+    "refined",
+    "reason",
+    "seconds",
+    "error",
+)
+
+
+@dataclass(frozen=True)
+class Given:
+    """The options of `topokit.load`, the same for every file."""
+
+    adapter: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __call__(self, path: Path) -> tuple[str, Mapping[str, Any]]:
+        """The adapter's name and its options."""
+        from topokit.plugins.registry import adapter_for
+
+        return adapter_for(path, self.adapter).name, self.options
+
+
+@dataclass(frozen=True)
+class Questions:
+    """What to ask about each file; it is sent to the worker processes.
+
+    Attributes:
+        options: gives the adapter and its options for a path.
+        labels: of a labeled volume, "all" or some; None examines every file as one shape.
+        details: as for `Shape.report`.
+        locate: as for `Shape.report`.
+        with_report: whether the answers hold the reports.
+        with_page: whether the answers hold what an HTML page shows.
+    """
+
+    options: Options = Given()
+    labels: Any = None
+    details: bool = False
+    locate: bool = False
+    with_report: bool = False
+    with_page: bool = False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was found out about one shape.
+
+    Attributes:
+        row: the values of `COLUMNS`; None where they are unknown.
+        report: the report, if it was asked for and there is one.
+        fragment: its part of an HTML page, likewise.
+    """
+
+    row: Row
+    report: TopologyReport | None = None
+    fragment: Fragment | None = None
+
+    @property
+    def error(self) -> str | None:
+        """What went wrong, or None."""
+        error: str | None = self.row["error"]
+        return error
+
+
+def examine(source: Source, questions: Questions) -> list[Answer]:
+    """The answers about one file: one, or one for each label of a labeled volume.
+
+    Whatever is raised, other than an interrupt, becomes an answer with an error.
+    """
+    import topokit.shape  # noqa: F401  (torch is imported before the clock starts)
+
+    answers: list[Answer] = []
+    started = time.perf_counter()
+    try:
+        if source.problem is not None:
+            raise InputError(source.problem)
+        adapter, options = questions.options(source.path)
+        for label, shape in _shapes(source.path, questions.labels, adapter, seeded(options)):
+            with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
+                answer = _answer(shape, questions)
+            known = {"file": source.name, "label": label, "adapter": adapter, "seconds": time.perf_counter() - started}
+            answers.append(replace(answer, row=answer.row | known))
+            started = time.perf_counter()
+    except TopokitError as error:
+        answers.append(failure(source, str(error), time.perf_counter() - started))
+    return answers
+
+
+def _answer(shape: Shape, questions: Questions) -> Answer:
+    """What was asked for about one shape."""
+    report, fragment = shape.report(details=questions.details, locate=questions.locate), None
+    if questions.with_page:
+        from topokit.pages import page_of
+
+        fragment = page_of(shape, report)
+    return Answer(report_row(report, shape), report if questions.with_report else None, fragment)
+
+
+def failure(source: Source, problem: str, seconds: float | None) -> Answer:
+    """The answer about a file that could not be examined."""
+    problem = problem.replace(str(source.path), source.name)
+    return Answer(dict.fromkeys(COLUMNS) | {"file": source.name, "seconds": seconds, "error": problem})
+
+
+def report_row(report: TopologyReport, shape: Shape) -> Row:
+    """A report as plain values under the names of `COLUMNS`."""
+    solid = report.solid_betti
+    values = {
+        "verdict": report.verdict,
+        "euler": report.euler,
+        "genus": report.genus,
+        "components": report.components,
+        "cavities": report.cavities,
+        "tunnels": None if solid is None else solid[1],
+        "boundary_loops": report.boundary_loops,
+        "closed": report.closed,
+        "manifold": _is_manifold(report, shape),
+        "resolution": report.resolution,
+        "estimate": report.estimate,
+        "refined": report.refined,
+        "reason": report.reasons[0] if report.reasons else None,
+    }
+    return dict.fromkeys(COLUMNS) | values
+
+
+def _is_manifold(report: TopologyReport, shape: Shape) -> bool | None:
+    """Of a mesh what counting says, whose boundary loops are counted if it is a manifold; of samples only if closed."""
+    if report.closed:
+        return True
+    return None if shape.mesh is None else report.boundary_loops is not None
+
+
+def _shapes(path: Path, labels: Any, adapter: str, options: Mapping[str, Any]) -> Iterator[tuple[int | None, Shape]]:
+    """The shapes in a file, by their labels."""
+    from topokit.plugins.registry import load
+
+    if labels is None:
+        yield None, load(path, adapter=adapter, **options)
+        return
+    if adapter != "voxels":
+        raise InputError(f"{path}: labels are those of volumes, but this file is opened by the adapter {adapter!r}.")
+    from topokit.adapters.voxels.labels import from_labels
+
+    known = inspect.signature(from_labels).parameters
+    if wrong := sorted(options.keys() - known.keys()):
+        raise InputError(f"{path}: with labels there is no {', '.join(f'{name}=…' for name in wrong)}; leave it out.")
+    yield from from_labels(path, labels, **options).items()
+
+
+def called(row: Row) -> str:
+    """What to call a row: its file, perhaps with its label."""
+    name: str = row["file"]
+    return name if row["label"] is None else f"{name}, label {row['label']}"
+
+
+def seeded(options: Mapping[str, Any]) -> dict[str, Any]:
+    """The options with a new generator, so that no answer depends on the files before it."""
+    changed = dict(options)
+    if isinstance(changed.get("generator"), int):
+        import torch
+
+        changed["generator"] = torch.Generator().manual_seed(changed["generator"])
+    return changed

@@ -1,0 +1,115 @@
+"""Files by path, folder and pattern: what there is to examine."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from topokit.plugins.registry import is_known
+from topokit.report.wording import plural
+
+Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+
+_PROSE = (".txt", ".csv")  # suffixes of clouds, but also of notes and tables, which lie in the same folders
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file or folder to examine.
+
+    Attributes:
+        path: where it is.
+        name: what to call it in results.
+        problem: why there is nothing to examine, or None.
+    """
+
+    path: Path
+    name: str
+    problem: str | None = None
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What was found: the `sources` in order, and the files in folders that were `passed_over`, of no known format."""
+
+    sources: tuple[Source, ...]
+    passed_over: tuple[str, ...]
+
+
+def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
+    """The files that paths, folders and patterns stand for.
+
+    Files are taken as they are named. Of a folder and the folders in it, those files are taken that an adapter knows by
+    content or suffix, sorted by name; what begins with a dot is left out. Patterns are those of `glob`: `*`, `?`,
+    `[a-z]`, and `**` for folders at any depth.
+
+    Args:
+        paths: one or several.
+        adapter: name of the adapter that will open them; of folders only its files are taken.
+    """
+    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
+    finder = _Finder(adapter)
+    for path in given:
+        for one in _expanded(os.fspath(path)):
+            finder.add(one)
+    return Sources(tuple(finder.sources), tuple(finder.passed_over))
+
+
+class _Finder:
+    """Collects the sources of one path after the other."""
+
+    def __init__(self, adapter: str | None) -> None:
+        self.adapter = adapter
+        self.sources: list[Source] = []
+        self.passed_over: list[str] = []
+
+    def add(self, path: Path) -> None:
+        """A file as it is, a folder with all that is in it."""
+        if not path.is_dir() or is_known(path, self.adapter):
+            self.sources.append(Source(path, str(path)))
+            return
+        found, passed_over = len(self.sources), len(self.passed_over)
+        self._add_folder(path)
+        if len(self.sources) == found:
+            n_files = len(self.passed_over) - passed_over
+            held = f"of its {plural(n_files, 'file')} none is of a known format" if n_files else "it is empty"
+            self._add_problem(path, f"{path} holds nothing that topokit opens: {held}.")
+
+    def _add_folder(self, folder: Path) -> None:
+        try:
+            names = sorted(os.listdir(folder))
+        except OSError as error:
+            self._add_problem(folder, f"{folder} could not be listed ({error.strerror}); check its permissions.")
+            return
+        for path in (folder / name for name in names if not name.startswith(".")):
+            if path.is_dir() and not is_known(path, self.adapter):
+                if not path.is_symlink():  # which may lead in a circle
+                    self._add_folder(path)
+            elif path.is_dir() or (path.is_file() and self._is_wanted(path)):
+                self.sources.append(Source(path, str(path)))
+            elif path.is_file():
+                self.passed_over.append(str(path))
+
+    def _is_wanted(self, path: Path) -> bool:
+        if not is_known(path, self.adapter):
+            return False
+        return path.suffix.lower() not in _PROSE or not os.access(path, os.R_OK) or _holds_rows(path)
+
+    def _add_problem(self, path: Path, problem: str) -> None:
+        self.sources.append(Source(path, str(path), problem))
+
+
+def _holds_rows(path: Path) -> bool:
+    from topokit.adapters.points.text import holds_rows  # imports NumPy, which the command line does without
+
+    return holds_rows(path)
+
+
+def _expanded(path: str) -> list[Path]:
+    """The paths that match a pattern; a path that exists or is no pattern stands for itself."""
+    if not glob.has_magic(path) or os.path.lexists(path):
+        return [Path(path)]
+    return [Path(match) for match in sorted(glob.glob(path, recursive=True))] or [Path(path)]

@@ -1,0 +1,53 @@
+"""Conditions on a row that decide the exit code: `--fail-on unsure`, `--fail-on open,genus>0`."""
+
+from __future__ import annotations
+
+import operator
+import re
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from topokit.batch.examine import Row
+
+Condition = Callable[[Row], bool]
+
+_WORDS: dict[str, Condition] = {
+    "certain": lambda row: row["verdict"] == "certain",
+    "likely": lambda row: row["verdict"] == "likely",
+    "unsure": lambda row: row["verdict"] == "unsure",
+    "open": lambda row: row["closed"] is False,
+    "non-manifold": lambda row: row["manifold"] is False,
+}
+_NUMBERS = ("euler", "genus", "components", "cavities", "tunnels", "boundary_loops")
+_COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    ">=": operator.ge,
+    "<=": operator.le,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+_COMPARISON = re.compile(rf"({'|'.join(_NUMBERS)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+)")
+
+EXPECTED = f"{', '.join(_WORDS)}, or a comparison such as genus>0 of {', '.join(_NUMBERS)} by {' '.join(_COMPARISONS)}"
+
+
+def parse_conditions(texts: Iterable[str]) -> list[Condition]:
+    """The conditions that texts, with commas between several, stand for.
+
+    A number that is unknown meets every comparison: a check must not pass because nothing is known.
+
+    Raises:
+        ValueError: if a text is none of those; the message says what was expected.
+    """
+    return [_parse(part.strip()) for text in texts for part in text.split(",")]
+
+
+def _parse(text: str) -> Condition:
+    if text in _WORDS:
+        return _WORDS[text]
+    found = _COMPARISON.fullmatch(text.replace("-loops", "_loops"))
+    if found is None:
+        raise ValueError(f"{text!r} is no condition; expected {EXPECTED}.")
+    column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])
+    return lambda row: row[column] is None or compare(row[column], number)

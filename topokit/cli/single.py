@@ -1,0 +1,56 @@
+"""Commands about one file: what is said of it, or made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from topokit.cli.answers import say
+from topokit.cli.options import Opener, in_shell
+from topokit.cli.request import sources_of
+from topokit.errors import InputError, TopokitError
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+
+def convert(file: Path, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
+    """Open a file, write what is made of its shape, and say so; exit code 1 if that fails.
+
+    Args:
+        file: to read; - is standard input.
+        output: file to write, which must be another one.
+        format: of standard input.
+        opener: opens the file.
+        write: writes the output, and returns what to say about it.
+    """
+    ask(file, format, opener, lambda shape: f"{output}: {write(shape)}", output)
+
+
+def ask(
+    file: Path, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
+) -> None:
+    """Open a file and print what is found out about its shape; exit code 1 if that fails.
+
+    Args:
+        file: to read; - is standard input.
+        format: of standard input.
+        opener: opens the file.
+        answer: what to print about the shape; nothing if it is empty.
+        output: file that will be written, which must be another one, or None.
+    """
+    with sources_of([file], format, opener.adapter) as found:
+        if len(found.sources) != 1:
+            raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
+        source = found.sources[0]
+        try:
+            if output is not None and output.exists() and source.path.exists() and output.samefile(source.path):
+                raise InputError(f"{output} is the file to read; name another one to write.")
+            if text := answer(opener.open(source.path)):
+                typer.echo(text)
+        except TopokitError as error:
+            say(in_shell(str(error).replace(str(source.path), source.name), source.name))
+            raise typer.Exit(1) from error

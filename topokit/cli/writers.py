@@ -1,0 +1,113 @@
+"""The forms of results: texts, a table, JSON, JSON lines or CSV, each written as soon as it is known."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal, Protocol, TextIO
+
+from topokit.batch.examine import COLUMNS, Answer
+from topokit.cli.encoding import carries_all
+
+Form = Literal["text", "table", "json", "jsonl", "csv"]
+Record = Callable[[Answer], Mapping[str, Any]]  # an answer as an object for JSON
+Text = Callable[[Answer], str]
+
+
+class Writer(Protocol):
+    """Writes answers to a stream."""
+
+    def write(self, answer: Answer) -> None:
+        """Write one answer."""
+
+    def close(self) -> None:
+        """Write what comes after the last one."""
+
+
+class TextWriter:
+    """Texts of the shapes that could be examined."""
+
+    def __init__(self, stream: TextIO, text: Text) -> None:
+        self._stream, self._text = stream, text
+
+    def write(self, answer: Answer) -> None:
+        """See `Writer`."""
+        if answer.error is None:
+            print(self._text(answer), file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """See `Writer`."""
+
+
+class TableWriter:
+    """Aligned rows."""
+
+    def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
+        from topokit.cli.table import Table
+
+        self._table = Table(stream, names)
+
+    def write(self, answer: Answer) -> None:
+        """See `Writer`."""
+        self._table.write(answer.row)
+
+    def close(self) -> None:
+        """See `Writer`."""
+
+
+class JsonWriter:
+    """One array, written element by element: it is complete even after an interrupt."""
+
+    def __init__(self, stream: TextIO, record: Record) -> None:
+        self._stream, self._record = stream, record
+        self._separator = "\n"
+        stream.write("[")
+
+    def write(self, answer: Answer) -> None:
+        """See `Writer`."""
+        lines = _json(self._record(answer), self._stream, indent=2).splitlines()
+        text = self._separator + "\n".join(f"  {line}" for line in lines)
+        self._separator = ",\n"  # set first, since an interrupt may come while the text is flushed
+        self._stream.write(text)
+        self._stream.flush()
+
+    def close(self) -> None:
+        """See `Writer`."""
+        self._stream.write("\n]\n")
+
+
+class JsonLinesWriter:
+    """One object per line."""
+
+    def __init__(self, stream: TextIO, record: Record) -> None:
+        self._stream, self._record = stream, record
+
+    def write(self, answer: Answer) -> None:
+        """See `Writer`."""
+        print(_json(self._record(answer), self._stream), file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """See `Writer`."""
+
+
+class CsvWriter:
+    """One line per shape below a line with the names of the columns."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        self._writer.writeheader()
+
+    def write(self, answer: Answer) -> None:
+        """See `Writer`."""
+        self._writer.writerow(answer.row)
+        self._stream.flush()
+
+    def close(self) -> None:
+        """See `Writer`."""
+
+
+def _json(record: Mapping[str, Any], stream: TextIO, indent: int | None = None) -> str:
+    """JSON text; escaped where the stream's encoding lacks letters, so that nothing is lost."""
+    return json.dumps(record, indent=indent, ensure_ascii=not carries_all(stream.encoding), allow_nan=False)

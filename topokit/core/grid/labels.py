@@ -1,0 +1,58 @@
+"""Where the labels of a labeled volume are: one pass for all of them instead of one for each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor
+
+from topokit.errors import InputError
+
+Box = tuple[slice, slice, slice]
+
+_MOST_DIRECT = 1 << 16  # labels up to here index SciPy's table of boxes as they are; others are numbered first
+
+
+def label_boxes(labels: Tensor) -> dict[int, Box]:
+    """The box of every label but 0, with one layer of voxels around it where the volume goes on.
+
+    A solid {labels == label} has the same topology in its box as in the whole volume, and touches a side of the box
+    only where the volume ends.
+
+    Args:
+        labels: (X, Y, Z) whole numbers of any real dtype; 0 and NaN are background.
+
+    Returns:
+        Boxes by label, in ascending order.
+
+    Raises:
+        InputError: if a value is not a whole number.
+    """
+    values = labels.detach().cpu().numpy()
+    if values.dtype.kind == "f":
+        values = _as_integers(values)
+    names, index = None, values
+    if values.size and (values.min() < 0 or values.max() > _MOST_DIRECT):
+        names, index = np.unique(values, return_inverse=True)
+        index = index.reshape(values.shape) + 1
+    found = ndimage.find_objects(index.astype(np.int32, copy=False))
+    boxes = {int(names[k] if names is not None else k + 1): box for k, box in enumerate(found) if box is not None}
+    return {label: _widened(box, values.shape) for label, box in boxes.items() if label != 0}
+
+
+def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
+    whole = np.where(np.isnan(values), 0, values)
+    if not (np.isfinite(whole).all() and (whole == np.rint(whole)).all()):
+        raise InputError(
+            f"the volume holds gray values, from {whole.min():g} to {whole.max():g}; labels are whole numbers. "
+            "Pass level=… for the solid above a level."
+        )
+    return whole.astype(np.int64)
+
+
+def _widened(box: Box, shape: tuple[int, ...]) -> Box:
+    x, y, z = (slice(max(0, side.start - 1), min(n, side.stop + 1)) for side, n in zip(box, shape, strict=True))
+    return x, y, z

@@ -1,0 +1,34 @@
+"""Triangles with their vertices: the form in which every representation gives its surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.labels import compact_labels
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleSurface:
+    """Triangles in space.
+
+    Attributes:
+        vertices: (V, 3), in units of length.
+        faces: (F, 3) vertex indices, counterclockwise seen from outside the solid.
+    """
+
+    vertices: Floats
+    faces: Integers
+
+    def compact(self) -> TriangleSurface:
+        """The surface without vertices that no face uses."""
+        is_used = np.zeros(len(self.vertices), dtype=bool)
+        is_used[self.faces] = True
+        if is_used.all():
+            return self
+        return TriangleSurface(self.vertices[is_used], compact_labels(self.faces, len(self.vertices)))

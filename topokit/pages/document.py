@@ -1,0 +1,127 @@
+"""One self-contained HTML file of many shapes, written as they come."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from topokit.errors import InputError
+from topokit.pages.details import environment
+from topokit.pages.fragment import Fragment
+from topokit.report.html import report_styles
+
+_MOST_SCENES = 200_000_000  # bytes of base64 in one page; browsers get slow beyond. Later shapes have a picture only
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A row of a page.
+
+    Attributes:
+        name: what to call it; a file's path.
+        fragment: what there is to show, or None if the file failed.
+        error: why it failed, or None.
+        seconds: time it took, or None if unknown.
+    """
+
+    name: str
+    fragment: Fragment | None
+    error: str | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An entry as the template needs it."""
+
+    name: str
+    fragment: Fragment | None
+    error: str | None
+    seconds: float | None
+    thumbnail: str | None
+    scene: str | None
+    left_out: bool
+
+
+def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title: str | None = None) -> None:
+    """Write a page with a table of shapes, each of which opens in a 3D view; a single shape is shown at once.
+
+    The page needs no other file and no network. Entries are written as they come, so memory does not grow with their
+    number. The file appears under its name only when it is complete.
+
+    Args:
+        entries: one per shape or file, in the order of the table.
+        path: file to write, called .html or .htm.
+        title: heading of the page; the file's name by default.
+
+    Raises:
+        InputError: if the file is not called .html or .htm, or its folder does not exist.
+    """
+    target = Path(path)
+    if target.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{target}: a page must be called .html or .htm.")
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: the folder {target.parent} does not exist.")
+    handle, unfinished = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=".part")
+    try:
+        with open(handle, "w", encoding="utf-8", newline="\n") as page:
+            page.writelines(_page(iter(entries), title or target.stem))
+        os.chmod(unfinished, 0o666 & ~_umask())
+        os.replace(unfinished, target)
+    except BaseException:
+        Path(unfinished).unlink(missing_ok=True)
+        raise
+
+
+def page_text(entry: Entry, title: str | None = None) -> str:
+    """The page of a single shape as text."""
+    return "".join(_page(iter((entry,)), title or entry.name))
+
+
+def _page(entries: Iterator[Entry], title: str) -> Iterator[str]:
+    """The pieces of a page."""
+    script = _static("viewer.min.js")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    style = report_styles() + _static("page.css")
+    template = environment().get_template("page.html")
+    return template.generate(title=title, style=style, script=script, digest=digest, rows=_rows(entries))
+
+
+def _rows(entries: Iterator[Entry]) -> Iterator[_Row]:
+    n_bytes = 0
+    for entry in entries:
+        fragment = entry.fragment
+        scene = None if fragment is None or fragment.scene is None else _base64(fragment.scene)
+        n_bytes += len(scene or "")
+        left_out = n_bytes > _MOST_SCENES
+        yield _Row(
+            name=entry.name,
+            fragment=fragment,
+            error=entry.error,
+            seconds=entry.seconds,
+            thumbnail=None if fragment is None or fragment.thumbnail is None else _base64(fragment.thumbnail),
+            scene=None if left_out else scene,
+            left_out=left_out and scene is not None,
+        )
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode("ascii")
+
+
+@cache
+def _static(name: str) -> str:
+    return files("topokit.pages").joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

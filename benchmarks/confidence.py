@@ -89,14 +89,21 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
     shape = tk.from_points(torch.from_numpy(points), normals=normals)
     report = shape.report()
     found = shape._only_examination()
-    closed = found.witness is not None and report.closed
+    witness, boundary = found.witness, found.part.boundary
+    closed = witness is not None and report.closed and witness.wire is None
     return {
         **vars(draw),
         "truth": euler,
         "euler": report.euler,
         "verdict": report.verdict,
         "closed": closed,
-        "evidence": cloud_evidence(found.witness, found.boundary) if found.witness is not None and closed else None,
+        "evidence": cloud_evidence(witness, boundary) if witness is not None and closed else None,
+        "votes": [(vote.family, vote.eulers) for vote in witness.votes] if witness is not None else [],
+        "preparation": None if witness is None else witness.preparation,
+        "source": None if witness is None else witness.signs.source,
+        "wire": witness is not None and witness.wire is not None,
+        "smoothed": witness is not None and witness.smoothed is not None,
+        "boundaries": len(boundary.curves),
         "seconds": round(time.perf_counter() - started, 2),
     }
 

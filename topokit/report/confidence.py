@@ -27,10 +27,6 @@ class Doubt:
     doubt: Callable[[float], float]
 
 
-def _missing(share: float) -> float:
-    return 1 - share
-
-
 def _itself(value: float) -> float:
     return value
 
@@ -41,44 +37,45 @@ def _saturating(value: float) -> float:
 
 EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
     {
-        "cuts": Doubt("share of the Delaunay cuts of the points that give the integer", 0.0, _missing),
-        "smooth_cuts": Doubt("the same, of smoothed points", 0.0, _missing),
-        "fields": Doubt("share of the winding-number fields that give the integer", 0.0, _missing),
+        "cuts": Doubt("share of the Delaunay cuts that give another integer", 0.0, _itself),
+        "others": Doubt("the same, of smoothed points or half as many samples", 0.0, _itself),
+        "fields": Doubt("share of the winding-number fields that give another integer", 0.0, _itself),
+        "no_fields": Doubt("1 if no grid is as fine as the samples", 0.0, _itself),
         "spread": Doubt("range of all integers", 0.0, math.log1p),
-        "handles": Doubt("handles and surfaces that the answer counts", 0.0, math.log1p),
+        "handles": Doubt("handles and further surfaces that the answer counts", 0.0, math.log1p),
         "crowded": Doubt("share of samples with an opposite sheet within 1.5 spacings", 0.0, _saturating),
         "crowded_wide": Doubt("the same within 2.5 spacings", 0.0, _saturating),
-        "coverage": Doubt("share of the samples on the surface that was found", 0.0, _missing),
+        "uncovered": Doubt("share of the samples off the surface that was found", 0.0, _saturating),
         "disagreement": Doubt("share of neighbors whose normals oppose each other", 0.0, _saturating),
         "roughness": Doubt("median distance of neighbors from the local plane, in spacings", 0.0, _itself),
         "rim": Doubt("share of samples with neighbors on one side only", 0.0, _saturating),
-        "unconfirmed": Doubt("share of given normals that the points do not confirm", 0.0, _itself),
+        "unconfirmed": Doubt("share of given normals that the points do not confirm", 0.0, _saturating),
     }
 )
 
 
 def cloud_evidence(witness: Witness, boundary: BoundaryEstimate) -> dict[str, float]:
     """The measured values of all evidence about a closed cloud."""
-    euler, quality = witness.euler, witness.quality
-    values = values_of(witness.votes, "cut", "smooth cut", "field")
+    quality, confirmed = witness.quality, witness.signs.confirmed
+    values = [value for vote in witness.votes for value in vote.eulers]
     n_surfaces = witness.components + witness.cavities
-
-    def share(family: str) -> float:
-        own = values_of(witness.votes, family)
-        return own.count(euler) / len(own)
-
-    confirmed = witness.signs.confirmed
+    fields = values_of(witness.votes, "field")
     return {
-        "cuts": share("cut"),
-        "smooth_cuts": share("smooth cut"),
-        "fields": share("field"),
+        "cuts": _other_share(values_of(witness.votes, "cut"), witness.euler),
+        "others": _other_share(values_of(witness.votes, "smooth cut", "coarse cut"), witness.euler),
+        "fields": _other_share(fields, witness.euler),
+        "no_fields": float(not fields),
         "spread": float(max(values) - min(values)),
-        "handles": max(n_surfaces - euler / 2, 0.0) + n_surfaces - 1,
+        "handles": max(n_surfaces - witness.euler / 2, 0.0) + max(n_surfaces - 1, 0),
         "crowded": quality.crowded,
         "crowded_wide": quality.crowded_wide,
-        "coverage": quality.coverage,
+        "uncovered": 1 - quality.coverage,
         "disagreement": quality.disagreement,
         "roughness": quality.roughness,
         "rim": boundary.rim_share,
         "unconfirmed": 0.0 if confirmed is None else 1 - confirmed,
     }
+
+
+def _other_share(values: list[int], euler: int) -> float:
+    return 1 - values.count(euler) / len(values) if values else 0.0

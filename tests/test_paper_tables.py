@@ -1,4 +1,4 @@
-"""The script behind docs/paper-tables.md runs; with given normals, columns E and F of Table I are those of the paper."""
+"""The script behind docs/paper-tables.md runs; with given normals, columns E and F of Table I are the paper's."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def page_of(
         max_faces: a surface with more triangles is simplified for the view, which the page says.
         max_points: of more points, these many are shown.
     """
-    marks = marks_of(getattr(report, "location", None))
+    marks = marks_of(report.location)
     scene, problem = None, None
     try:
         scene = scene_of(shape, marks, max_faces=max_faces, max_points=max_points)

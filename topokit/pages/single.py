@@ -35,7 +35,7 @@ class Reportable(Drawable, Protocol):
 
     notes: tuple[str, ...]
 
-    def report(self, *, details: bool = False) -> TopologyReport: ...
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport: ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class View:
 
 def picture(shape: Reportable, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
     """A square picture of a shape, colored by Gaussian curvature; see `topokit.Shape.picture`."""
-    marks = marks_of(getattr(shape.report(), "location", None)) if locate else ()
+    marks = marks_of(shape.report(locate=True).location) if locate else ()
     scene = scene_of(shape, marks, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Image.fromarray(picture_of(scene, side, eye))
 

@@ -161,8 +161,8 @@ def text(rows: list[dict[str, Any]]) -> str:
         "# Side by side",
         "",
         "Written by `python benchmarks/side_by_side.py DATA`: what six tools tell about the same twenty files, evenly",
-        "spaced in a collection of real shapes. The second column is the known χ of the surface. A number at the start of",
-        "an answer is its χ; **bold** means that it differs from the known one. Every tool runs with its defaults.",
+        "spaced in a collection of real shapes. The second column is the known χ of the surface. A number at the start",
+        "of an answer is its χ; **bold** means that it differs from the known one. Every tool runs with its defaults.",
         "",
         f"| file | χ | {' | '.join(TOOLS)} |",
         f"|---|---|{'---|' * len(TOOLS)}",
@@ -182,13 +182,13 @@ def cell(answer: str, truth: int | None) -> str:
 
 
 NOTES = """\
-- **trimesh** merges equal vertices on loading, which some files need and which breaks others; there is one setting for all.
+- **trimesh** merges equal vertices on loading, which some files need and which breaks others.
 - **MeshLab** counts what is in the file: an STL is a soup of triangles until a filter merges its vertices.
-- **admesh** connects and repairs STL files. It tells parts and unconnected facets, not χ or genus. It runs as a command,
-  whose seconds are not counted here.
+- **admesh** connects and repairs STL files. It tells parts and unconnected facets, not χ or genus. It runs as a
+  command, whose seconds are not counted here.
 - **Open3D** has χ of a mesh as it stands. For points the table shows what its normals and its Poisson surface give.
-- **GUDHI** has Betti numbers of whatever complex it is given; for points it returns persistence bars, and the choice among
-  them is left to the user.
+- **GUDHI** has Betti numbers of whatever complex it is given; for points it returns persistence bars, and the choice
+  among them is left to the user.
 - None of these says how far its number may be believed."""
 
 

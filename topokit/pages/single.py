@@ -15,10 +15,10 @@ from PIL import Image
 
 from topokit.errors import TopokitError
 from topokit.export.picture import EYE, Eye, picture_of
-from topokit.export.scene import Drawable, scene_of
+from topokit.export.scene import scene_of
 from topokit.pages.details import environment
 from topokit.pages.document import Entry, page_text, write_html
-from topokit.pages.fragment import MAX_FACES, MAX_POINTS, page_of, webp
+from topokit.pages.fragment import MAX_FACES, MAX_POINTS, Showable, page_of, webp
 from topokit.pages.marks import marks_of
 from topokit.report.html import report_html, report_styles
 from topokit.report.report import TopologyReport
@@ -30,7 +30,7 @@ _NOTEBOOK_SIDE = 360  # pixels of the picture, which is shown at half of that
 _NOTEBOOK_HEIGHT = 560
 
 
-class Reportable(Drawable, Protocol):
+class Reportable(Showable, Protocol):
     """What is shown: a `topokit.Shape`."""
 
     notes: tuple[str, ...]
@@ -55,7 +55,7 @@ class View:
 
 def picture(shape: Reportable, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
     """A square picture of a shape, colored by Gaussian curvature; see `topokit.Shape.picture`."""
-    marks = marks_of(getattr(shape.report(), "location", None)) if locate else ()
+    marks = marks_of(shape) if locate else ()
     scene = scene_of(shape, marks, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Image.fromarray(picture_of(scene, side, eye))
 

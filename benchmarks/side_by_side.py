@@ -97,16 +97,15 @@ def with_meshlab(path: Path, kind: str) -> str | None:
 
 
 def with_admesh(path: Path, kind: str) -> str | None:
-    """Parts and unconnected facets before its repairs; it reads STL only, so meshes are converted first."""
+    """Facets that stay without a neighbor; it reads STL only, so meshes are converted first."""
     if kind in ("points", "voxels"):
         return None
     with tempfile.TemporaryDirectory() as folder:
         stl = Path(folder) / "mesh.stl"
         trimesh.load(path, force="mesh", process=False).export(stl)
         said = subprocess.run(["admesh", "--exact", stl], capture_output=True, text=True, check=True).stdout
-    parts = re.search(r"Number of parts +: +(\d+)", said)
     disconnected = re.search(r"Total disconnected facets +: +(\d+)", said)
-    return f"{parts[1] if parts else '?'} parts, {disconnected[1] if disconnected else '?'} open facets, no χ"
+    return f"{disconnected[1] if disconnected else '?'} open facets, no χ"
 
 
 def with_open3d(path: Path, kind: str) -> str | None:
@@ -184,7 +183,7 @@ def cell(answer: str, truth: int | None) -> str:
 NOTES = """\
 - **trimesh** merges equal vertices on loading, which some files need and which breaks others.
 - **MeshLab** counts what is in the file: an STL is a soup of triangles until a filter merges its vertices.
-- **admesh** connects and repairs STL files. It tells parts and unconnected facets, not χ or genus. It runs as a
+- **admesh** connects and repairs STL files. It tells how many facets lack a neighbor, not χ or genus. It runs as a
   command, whose seconds are not counted here.
 - **Open3D** has χ of a mesh as it stands. For points the table shows what its normals and its Poisson surface give.
 - **GUDHI** has Betti numbers of whatever complex it is given; for points it returns persistence bars, and the choice

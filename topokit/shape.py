@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from topokit.core.cloud.downsampling import Criterion
+from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
 from topokit.errors import InputError
@@ -42,7 +44,8 @@ class Shape(DifferentiableShape):
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`. None, the default, takes
+            20; for `curvature` more where the samples are noisy.
     """
 
     def genus(self) -> int:
@@ -132,6 +135,29 @@ class Shape(DifferentiableShape):
         if find is None:
             raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
         return find(self_intersections)
+
+    def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
+        """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
+
+        Args:
+            n_samples: number of samples to keep, at most.
+            by: "feature-size": densely where the surface bends or an opposite sheet is near (with outward normals, both
+                sides of a thin wall are kept, however coarsely); "curvature": where it bends; "even": everywhere alike.
+
+        Returns:
+            A `Shape` with the normals and frames of the samples that are kept and the summed areas of those that they
+            stand for; differentiable at a fixed choice. Deterministic.
+
+        Raises:
+            InputError: if the samples are batched, or too few are wanted for the shape's number of neighbors.
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_samples
+            >>> tk.from_points(torus_samples(20_000).points).downsample(2000).samples.n_points <= 2000
+            True
+        """
+        return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
 
     def handles(self) -> tuple[Handle, ...]:
         """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.field import Field
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.defects import Defect
@@ -39,7 +39,7 @@ class ShapeData:
     mesh: tuple[Tensor, Tensor] | None
     name: str
     notes: tuple[str, ...]
-    n_neighbors: int
+    n_neighbors: int | None
 
     def __init__(
         self,
@@ -52,7 +52,7 @@ class ShapeData:
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
-        n_neighbors: int = DEFAULT_NEIGHBORS,
+        n_neighbors: int | None = None,
     ) -> None:
         own: dict[str, Any] = {
             "_make_surface": surface,
@@ -66,7 +66,7 @@ class ShapeData:
         own["_make_samples" if callable(samples) else "samples"] = samples
         own["_make_counted" if callable(counted) else "counted"] = counted
         if not callable(samples):
-            enough_samples(samples, n_neighbors, name)
+            enough_samples(samples, given_or_default(n_neighbors), name)
         self.__dict__.update(own)  # attributes cannot be set one by one, see __setattr__
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -91,7 +91,7 @@ class ShapeData:
         """The samples (..., N, 3), made when they are first needed."""
         with torch.inference_mode(False), torch.enable_grad():  # they outlive the mode in which they are first needed
             made = self.__dict__["_make_samples"]()
-        return enough_samples(made, self.n_neighbors, self.name)
+        return enough_samples(made, given_or_default(self.n_neighbors), self.name)
 
     @cached_property
     def counted(self) -> CountedAnswer | None:
@@ -120,7 +120,7 @@ class ShapeData:
             raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__ | changes)
-        enough_neighbors(other.n_neighbors)
+        enough_neighbors(given_or_default(other.n_neighbors))
         return other
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
@@ -142,6 +142,19 @@ class ShapeData:
             found = tuple(Examination(item, known_closed=known_closed) for item in self.samples.items())
             self.__dict__["_examined"] = current, found
         return found
+
+    def _automatic_neighbors(self) -> int:
+        """The number of neighbors that the samples' noise calls for; found again if they were changed in place."""
+        versions, found = self.__dict__.get("_automatic", (None, 0))
+        current = self.samples.versions()
+        if versions != current:
+            found = automatic_neighbors(self.samples.points, self._known_neighbors())
+            self.__dict__["_automatic"] = current, found
+        return found
+
+    def _known_neighbors(self) -> Tensor:
+        """(B, N, k) indices of the neighbors that the examinations have found."""
+        return torch.stack([one.neighbors for one in self._examinations()])
 
     def _only_examination(self) -> Examination:
         if self.samples.points.ndim != 2:

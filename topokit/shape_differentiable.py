@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
+from topokit.core.local.curvature import Curvature, CurvatureSettings, NormalMethod, surface_curvature
 from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
@@ -28,20 +29,27 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Curvature:
         """Gaussian, mean, total and principal curvature, directions and area at every sample.
 
         Args:
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; the shape's own by default. If that is None, 20, or as many as the
+                noise calls for, up to 320: it is measured against quadrics in some hundred neighborhoods (see
+                `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` tells.
             solver: "sylvester", "symmetrized", "plain" or "commuting" (see `topokit.core.local.weingarten`).
             area_method: "exact" or "monte-carlo" (see `topokit.core.local.voronoi`).
             area_resolution: side of the Monte Carlo grid.
+            normal_method: how normals are estimated where the samples have none: "quadric", or the paper's "pca", whose
+                curvature errs more on clean samples (by 12 % instead of 2 % on 10 000 random points of a torus).
 
         Returns:
             `Curvature`, differentiable in whatever the shape was made from. H is positive where the surface bends
             towards its inside; without oriented normals its sign is meaningless.
         """
-        return self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+        k = self.n_neighbors if n_neighbors is None else n_neighbors
+        k = self._automatic_neighbors() if k is None else k
+        return self._curvature(CurvatureSettings(k, solver, area_method, area_resolution, normal_method))
 
     def euler(
         self,
@@ -56,8 +64,12 @@ class DifferentiableShape(ShapeData):
         χ⁽⁰⁾ = (1/2π) Σ K·A, plus the geodesic curvature of the boundary where the samples have one. It asks no witness:
         `report().euler` is the integer, `refined_euler()` the estimate after self-optimization.
 
+        It is the paper's estimate, with PCA normals where the samples have none. It takes 20 neighbors by default also
+        where noise makes `curvature` take more: noise averages out in a sum, and small features do not survive wide
+        neighborhoods.
+
         Args:
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; by default the shape's own, or 20 if that is None.
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
@@ -94,7 +106,7 @@ class DifferentiableShape(ShapeData):
         Args:
             target: what χ must become, a number or (...). By default the counted integer, else that of the global
                 witness; without either (planes, lines, open sheets) nothing is optimized.
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; by default the shape's own, or 20 if that is None.
             over: what may change: "normals", "points", "areas".
             step: "polyak", or "gradient" for the paper's plain descent.
             learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
@@ -156,12 +168,12 @@ class DifferentiableShape(ShapeData):
     def _settings(
         self, n_neighbors: int | None, solver: Solver, area_method: AreaMethod, area_resolution: int
     ) -> CurvatureSettings:
-        k = self.n_neighbors if n_neighbors is None else n_neighbors
+        k = given_or_default(self.n_neighbors if n_neighbors is None else n_neighbors)
         return CurvatureSettings(k, solver, area_method, area_resolution)
 
     def _curvature(self, settings: CurvatureSettings) -> Curvature:
         """Curvature with the neighbors that the examination has found already, where those are enough."""
-        found = torch.stack([one.neighbors for one in self._examinations()])
+        found = self._known_neighbors()
         k, neighbors = settings.n_neighbors, None
         if k <= found.shape[-1]:
             neighbors = found[..., :k].reshape(*self.samples.points.shape[:-1], k)
@@ -169,7 +181,7 @@ class DifferentiableShape(ShapeData):
 
     def _boundary_euler(self, like: Tensor) -> Tensor:
         """The boundary's share of χ, (...)."""
-        shares = [found.boundary.euler for found in self._examinations()]
+        shares = [found.part.boundary.euler for found in self._examinations()]
         return like.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 
     def _target(self, like: Tensor) -> Tensor | None:

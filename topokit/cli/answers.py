@@ -12,9 +12,9 @@ from typing import TextIO
 
 import typer
 
-from topokit.batch.examine import Answer, Questions, called
+from topokit.batch.examine import Answer, Questions
 from topokit.batch.sources import Sources
-from topokit.batch.survey import examine_each
+from topokit.batch.survey import entry, examine_each
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, sources_of
@@ -85,11 +85,10 @@ def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
     if html is None:
         deque(answers, maxlen=0)
         return
-    from topokit.pages import Entry, write_html
+    from topokit.pages import write_html
 
-    entries = (Entry(called(one.row), one.fragment, one.error, one.row["seconds"]) for one in answers)
     try:
-        write_html(entries, html)
+        write_html(map(entry, answers), html)
     except InputError as error:  # about the name of the page, before anything is examined
         raise typer.BadParameter(f"--html: {error}") from error
 

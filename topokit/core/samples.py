@@ -87,6 +87,10 @@ class SurfaceSamples:
 
         return tuple(map(item, range(len(merged.points))))
 
+    def at(self, index: Tensor) -> SurfaceSamples:
+        """Some of the samples (N, 3): those with the given indices (M,)."""
+        return self._map(lambda value, kept: value[index])
+
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""
 

@@ -37,7 +37,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         found: the measurements.
     """
     witness = found.witness
-    if found.boundary.curves:
+    if found.part.boundary.curves:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
@@ -46,7 +46,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     votes = vote_evidence(witness) if witness is not None else ()
     deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     started = time.perf_counter()
-    estimate = Evidence("Gauss–Bonnet", found.estimate, None, time.perf_counter() - started)
+    estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, time.perf_counter() - started)
     return replace(
         report,
         name=name,
@@ -57,7 +57,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    checks = cloud_checks(witness, found.boundary)
+    checks = cloud_checks(witness, found.part.boundary)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
@@ -78,14 +78,14 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 
 
 def _open_report(found: Examination) -> TopologyReport:
-    witness, curves = found.witness, found.boundary.curves
-    is_solid = witness is not None and not is_open_sheet(found.boundary, witness)
+    witness, curves = found.witness, found.part.boundary.curves
+    is_solid = witness is not None and not is_open_sheet(found.part.boundary, witness)
     components = _cloud_components(found)
     return _report(
         found,
-        euler=witness.euler if witness is not None and is_solid else round(found.estimate),
+        euler=witness.euler if witness is not None and is_solid else round(found.part.estimate),
         verdict="unsure",
-        reasons=(_where_open(found.samples.points, found.curvature, found.boundary), *_refusal(found)),
+        reasons=(_where_open(found.part.samples.points, found.part.curvature, found.part.boundary), *_refusal(found)),
         n_deciding=1,
         components=components,
         n_components=len(components),
@@ -97,7 +97,7 @@ def _without_solid(found: Examination) -> TopologyReport:
     components, reasons = _cloud_components(found), _refusal(found)
     return _report(
         found,
-        euler=round(found.estimate),
+        euler=round(found.part.estimate),
         verdict="unsure",
         reasons=reasons,
         n_deciding=len(reasons),
@@ -137,22 +137,24 @@ def _report(
         estimate=None,
         refined=None,
         solid=None,
-        resolution=_SMALLEST * found.boundary.spacing if witness is None else witness.resolution,
+        resolution=_SMALLEST * found.part.boundary.spacing if witness is None else witness.resolution,
         per_component=components,
         n_deciding=n_deciding,
     )
 
 
 def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
-    """The two families of votes, each with the value that it gives most often."""
+    """The families that voted, each with the value that it gives most often."""
     groups: tuple[tuple[str, tuple[Family, ...]], ...] = (
-        ("Delaunay cuts", ("cut", "smooth cut")),
+        ("Delaunay cuts", ("cut", "smooth cut", "coarse cut")),
         ("winding-number fields", ("field",)),
     )
     n_values = sum(len(vote.eulers) for vote in witness.votes)
     rows = []
     for name, families in groups:
         values = values_of(witness.votes, *families)
+        if not values:
+            continue  # the grids were too coarse for the samples of a large cloud
         most = max(values, key=lambda value: (values.count(value), -abs(value)))
         seconds = witness.seconds["votes"] * len(values) / n_values
         rows.append(Evidence(name, sum(values) / len(values), most, seconds))
@@ -161,8 +163,8 @@ def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
 
 def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
     """Connected components of the neighbor graph with their Gauss–Bonnet estimates, largest area first."""
-    points, local = found.samples.points, found.curvature
-    labels = neighbor_components(found.neighbors)
+    points, local = found.part.samples.points, found.part.curvature
+    labels = neighbor_components(found.part.neighbors)
     estimates = euler_by_component(local.gaussian, local.area, labels)
     areas = torch.zeros_like(estimates).index_add(0, labels, local.area)
     shares = (areas / areas.sum().clamp(min=torch.finfo(areas.dtype).tiny)).tolist()
@@ -194,8 +196,8 @@ def _refusal(found: Examination) -> tuple[str, ...]:
 
 
 def _curvature_sentence(found: Examination) -> str:
-    share = f", {found.boundary.euler:.2f} of it from the boundary" if found.boundary.curves else ""
-    return f"The curvature of {found.samples.n_points} samples sums to χ ≈ {found.estimate:.2f}{share}."
+    share = f", {found.part.boundary.euler:.2f} of it from the boundary" if found.part.boundary.curves else ""
+    return f"The curvature of {found.part.samples.n_points} samples sums to χ ≈ {found.part.estimate:.2f}{share}."
 
 
 def _where_open(points: Tensor, local: Curvature, boundary: BoundaryEstimate) -> str:

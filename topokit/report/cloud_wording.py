@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import values_of
-from topokit.core.cloud.witness import Witness
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 
@@ -20,6 +20,10 @@ _SENTENCES = {
     "smoothing": (
         "The original and the smoothed points both give χ = {euler}.",
         "The original points give χ = {original}, the smoothed points {smoothed}; the best answer is {euler}.",
+    ),
+    "convergence": (
+        "{n_used} samples and half as many both give χ = {euler}.",
+        "{n_used} samples give χ = {original}, half as many {coarse}; the best answer is {euler}.",
     ),
     "agreement": (
         "{value:.0%} of all votes, by weight, give χ = {euler}.",
@@ -77,10 +81,15 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     """How the points were reduced and where their normals come from, where that is worth saying."""
     sentences = []
     n_points, n_used = witness.n_points, witness.n_used
-    if witness.is_downsampled:
+    if witness.preparation == "averaged":
         sentences.append(
-            f"Of {n_points} points, {n_used}, evenly spread, were used; features smaller than their spacing are not "
-            "seen."
+            f"The noise is larger than the distances between the {n_points} points: {n_used} evenly spread samples, "
+            "averaged over their neighbors, were used."
+        )
+    elif witness.is_downsampled:
+        sentences.append(
+            f"Normals come from all {n_points} points, the integer from {n_used} samples of them, taken densely where "
+            "features are small."
         )
     elif n_used < n_points:
         sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
@@ -97,7 +106,7 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
 
 
 def _numbers(witness: Witness) -> dict[str, object]:
-    cuts, fields = values_of(witness.votes, "cut", "smooth cut"), values_of(witness.votes, "field")
+    cuts, fields = values_of(witness.votes, "cut", "smooth cut", "coarse cut"), values_of(witness.votes, "field")
     return {
         "euler": witness.euler,
         "cuts": len(cuts),
@@ -105,7 +114,9 @@ def _numbers(witness: Witness) -> dict[str, object]:
         "fields": len(fields),
         "n_fields": fields.count(witness.euler),
         "original": values_of(witness.votes, "cut")[0],
-        "smoothed": values_of(witness.votes, "smooth cut")[0],
+        "smoothed": next(iter(values_of(witness.votes, "smooth cut")), None),
+        "coarse": next(iter(values_of(witness.votes, "coarse cut")), None),
+        "n_used": witness.n_used,
         "surfaces": plural(witness.components + witness.cavities, "closed surface"),
         "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
     }

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
@@ -16,6 +18,8 @@ from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.report.verdict import is_open_sheet
+
+_MOST_POINTS = 50_000  # points for the curvature and boundary of a report; `Shape.curvature` uses all
 
 
 class Examination:
@@ -41,6 +45,19 @@ class Examination:
             return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
 
     @cached_property
+    def part(self) -> Examination:
+        """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
+        samples = self.samples
+        if samples.n_points <= _MOST_POINTS:
+            return self
+        rows = thin_along_curve(samples.points.cpu().double().numpy(), _MOST_POINTS)
+        index = torch.from_numpy(rows).to(samples.points.device)
+        part = samples.at(index)
+        if part.areas is not None:
+            part = replace(part, areas=part.areas * (samples.n_points / part.n_points))
+        return Examination(part, known_closed=self._known_closed)
+
+    @cached_property
     def curvature(self) -> Curvature:
         """Curvature of the samples, without a graph."""
         with torch.no_grad():
@@ -62,7 +79,7 @@ class Examination:
     def _witness_or_refusal(self) -> Witness | InputError:
         samples = self.samples
         try:
-            may_smooth = not self.boundary.curves
+            may_smooth = not self.part.boundary.curves
             normals = samples.known_normals()
             return global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
         except InputError as refusal:
@@ -83,7 +100,7 @@ class Examination:
 
 def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
     """The integer of each batch item's witness; None if one bounds no solid or is an open sheet."""
-    eulers = [one.witness.euler for one in found if one.witness and not is_open_sheet(one.boundary, one.witness)]
+    eulers = [one.witness.euler for one in found if one.witness and not is_open_sheet(one.part.boundary, one.witness)]
     return eulers if len(eulers) == len(found) else None
 
 

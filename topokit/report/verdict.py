@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from topokit.core.cloud.votes import values_of
-from topokit.core.cloud.witness import Witness
+from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.votes import Family, values_of
 from topokit.core.local.boundary import BoundaryEstimate
 
 Verdict = Literal["certain", "likely", "unsure"]
@@ -126,13 +126,10 @@ def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
 def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, ...]:
     """The conditions under which the integer of a closed cloud is likely."""
     euler, quality = witness.euler, witness.quality
-    cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut")]
-    n_fields = values_of(witness.votes, "field").count(euler)
-    original, smoothed = (values_of(witness.votes, family)[0] for family in ("cut", "smooth cut"))
+    cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut", "coarse cut")]
     checks = [
         _at_least("cuts", sum(cuts) / len(cuts)),
-        _at_least("fields", n_fields),
-        Check("smoothing", float(smoothed), original == smoothed == euler),
+        *_second_opinions(witness),
         _at_least("agreement", witness.agreement),
         _at_most("crowded", quality.crowded),
         _at_most("crowded_wide", quality.crowded_wide),
@@ -147,6 +144,21 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         checks.append(_at_least("confirmed", witness.signs.confirmed))
     if witness.smoothed is not None:
         checks.append(Check("second look", witness.smoothed.agreement, False))
+    return tuple(checks)
+
+
+def _second_opinions(witness: Witness) -> tuple[Check, ...]:
+    """What does not look at the samples of the first cuts: fields, smoothed samples, half as many samples."""
+    euler, votes = witness.euler, witness.votes
+    original, fields = values_of(votes, "cut")[0], values_of(votes, "field")
+    checks = []
+    if fields:
+        least = min(THRESHOLDS["fields"].value, len(fields))
+        checks.append(Check("fields", fields.count(euler), fields.count(euler) >= least))
+    others: tuple[tuple[str, Family], ...] = (("smoothing", "smooth cut"), ("convergence", "coarse cut"))
+    for name, family in others:
+        for value in values_of(votes, family)[:1]:
+            checks.append(Check(name, float(value), original == value == euler))
     return tuple(checks)
 
 

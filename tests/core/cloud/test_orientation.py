@@ -1,4 +1,4 @@
-"""Outward normals found for clouds without any, and for clouds too large to be looked at whole."""
+"""Outward normals found for clouds without any, and given normals judged."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud import downsampling
 from topokit.core.cloud.delaunay_cut import delaunay_complex
-from topokit.core.cloud.downsampling import KEPT_POINTS, downsample
 from topokit.core.cloud.neighborhoods import fit_planes, local_geometry, unit
 from topokit.core.cloud.orientation import check_normals, orient_samples
 from topokit.core.cloud.witness import global_witness
@@ -81,32 +79,6 @@ def test_given_areas_in_other_units_are_understood() -> None:
     points, normals = sphere(2000)
     found = outward(1000 * points, np.full(2000, 4e6 * np.pi / 2000))
     assert ((found * normals).sum(1) > 0).mean() >= 0.99
-
-
-def test_large_clouds_are_downsampled_and_every_point_gets_a_normal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(downsampling, "MOST_POINTS", 4000)
-    monkeypatch.setattr(downsampling, "KEPT_POINTS", 3000)
-    points, normals = nested_spheres()
-    found = global_witness(torch.from_numpy(points))
-    assert found.normals.shape == points.shape
-    assert ((found.normals * normals).sum(1) > 0).mean() >= 0.99
-    assert found.n_used <= 3300
-
-
-def test_downsampling_is_even_deterministic_and_keeps_the_area() -> None:
-    known = sphere_samples(60_000)
-    crowded = np.concatenate((known.points.numpy(), known.points.numpy()[:20_000] * [0.3, 0.3, 1]))
-    areas = np.random.default_rng(0).random(len(crowded))
-    kept, kept_areas = downsample(crowded, areas)
-    assert kept_areas is not None
-    assert 0.9 * KEPT_POINTS <= len(kept) <= 1.1 * KEPT_POINTS
-    assert (np.diff(kept) > 0).all()
-    assert kept_areas.sum() == pytest.approx(areas.sum())
-    np.testing.assert_array_equal(kept, downsample(crowded, areas)[0])
-    _, depth = np.unique(np.floor(crowded[kept] * 8), axis=0, return_counts=True)
-    assert np.median(depth) < 4 * np.percentile(depth, 25)
-    few = crowded[:1000]
-    assert (downsample(few)[0] == np.arange(1000)).all()
 
 
 def test_planes_in_blocks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from topokit.core.cloud import downsampling, witness
+from topokit.core.cloud import dense, witness
 from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
@@ -157,18 +157,57 @@ def test_the_answer_is_deterministic() -> None:
     np.testing.assert_array_equal(first.normals, second.normals)
 
 
-def test_large_clouds_are_downsampled(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (downsampling, witness):
-        monkeypatch.setattr(module, "MOST_POINTS", 5000)
-    monkeypatch.setattr(downsampling, "KEPT_POINTS", 3000)
+def look_at_samples(monkeypatch: pytest.MonkeyPatch, most: int, samples: int) -> None:
+    """Treat clouds of more than `most` points as large."""
+    monkeypatch.setattr(witness, "MOST_POINTS", most)
+    monkeypatch.setattr(dense, "MOST_POINTS", most)
+    for module in (witness, dense):
+        monkeypatch.setattr(module, "SAMPLES", samples)
+
+
+def test_large_clouds_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
+    look_at_samples(monkeypatch, 5000, 3000)
     points, normals = torus(8000)
-    for given in (normals, None, -normals):
+    for given, source in ((normals, "given"), (None, "none"), (-normals, "reversed")):
         found = global_witness(points, given)
-        assert (found.euler, verdict(found)) == (0, "likely")
+        assert (found.euler, verdict(found), found.signs.source) == (0, "likely", source), failed(found)
         assert found.is_downsampled
-        assert 2500 < found.n_used < 3500
-        assert preparation_sentences(found)[0].startswith(f"Of 8000 points, {found.n_used}, evenly spread")
+        assert 2500 < found.n_used <= 3000
+        assert {vote.n_samples for vote in found.votes if vote.family == "coarse cut"} != {found.n_used}
+        expected = f"Normals come from all 8000 points, the integer from {found.n_used}"
+        assert preparation_sentences(found)[0].startswith(expected)
         assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
+
+
+def test_large_clouds_with_nested_walls_thinning_and_duplicates(monkeypatch: pytest.MonkeyPatch) -> None:
+    look_at_samples(monkeypatch, 2500, 2000)
+    monkeypatch.setattr(dense, "MOST_DENSE", 4000)
+    points, normals = shell()
+    doubled, both = points.repeat(2, 1), normals.repeat(2, 1)
+    found = global_witness(doubled)
+    assert (found.euler, found.components, found.cavities) == (4, 1, 1)
+    assert found.normals.shape == doubled.shape
+    assert ((torch.from_numpy(found.normals) * both).sum(1) > 0).double().mean() > 0.99
+
+
+def test_contradictory_normals_of_a_large_cloud_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    look_at_samples(monkeypatch, 5000, 3000)
+    points, normals = torus(8000)
+    flipped = torch.where(points[:, :1] > 0.5, -normals, normals)
+    found = global_witness(points, flipped)
+    assert found.signs.source == "contradictory"
+    assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
+
+
+def test_noise_larger_than_the_spacing_is_averaged(monkeypatch: pytest.MonkeyPatch, generator: torch.Generator) -> None:
+    look_at_samples(monkeypatch, 3000, 2000)
+    points, normals = torus(40_000)
+    noisy = points + 0.03 * torch.randn(points.shape, generator=generator)  # twice the spacing
+    found = global_witness(noisy)
+    assert (found.euler, found.preparation) == (0, "averaged")
+    assert found.quality.roughness < 0.5
+    assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.95
+    assert "averaged over their neighbors" in preparation_sentences(found)[0]
 
 
 def test_repeated_points_are_left_out() -> None:

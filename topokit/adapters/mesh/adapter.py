@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -16,8 +17,9 @@ from torch import Tensor
 from topokit.adapters.mesh.counting import count_mesh
 from topokit.adapters.mesh.files import read_mesh
 from topokit.adapters.mesh.polygons import triangles
+from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.mesh.defects import mesh_defects
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
@@ -28,8 +30,11 @@ from topokit.inputs.objects import triangles_of
 from topokit.report.mesh import mesh_answer
 from topokit.shape import Shape
 
+Sampling = Literal["area", "feature-size", "curvature", "even"]
 Vertices = Tensor | ArrayLike
 Faces = Tensor | ArrayLike | Sequence[Sequence[int]]
+
+_DRAWN_PER_SAMPLE = 10  # random points per sample that a criterion chooses from
 
 
 def from_mesh(
@@ -37,7 +42,8 @@ def from_mesh(
     faces: Faces | None = None,
     *,
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
+    sampling: Sampling = "area",
     generator: torch.Generator | None = None,
 ) -> Shape:
     """A triangle mesh as a shape whose report is exact.
@@ -55,7 +61,9 @@ def from_mesh(
         faces: vertex indices (F, 3), (F, n) with −1 after the last corner of smaller polygons, or lists of different
             lengths. Polygons are cut into fans.
         n_samples: number of samples for curvature and its estimate.
-        n_neighbors: number of nearest neighbors that curvature is computed from.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
+        sampling: "area": random, in proportion to area. "feature-size", "curvature" and "even" draw ten times as many
+            and keep at most `n_samples` of them, as `Shape.downsample` does; areas are then known.
         generator: source of randomness; one number is taken from it at once to seed the samples. Seed 0 if None.
 
     Raises:
@@ -70,7 +78,9 @@ def from_mesh(
         2
     """
     name, vertices, corners = _open(source, faces)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
+    if sampling not in get_args(Sampling):
+        raise InputError(f"sampling is {sampling!r}; expected one of {', '.join(map(repr, get_args(Sampling)))}.")
     started = time.perf_counter()
     positions = vertices.detach().cpu().numpy().astype(np.float64)
     counted = count_mesh(positions, corners)
@@ -80,7 +90,7 @@ def from_mesh(
     seed = deferred_seed(generator)
 
     def samples() -> SurfaceSamples:
-        return sample_triangles(vertices, used, n_samples, torch.Generator().manual_seed(seed))[0]
+        return _samples(vertices, used, n_samples, sampling, torch.Generator().manual_seed(seed))
 
     return Shape(
         samples,
@@ -91,6 +101,18 @@ def from_mesh(
         notes=counted.notes,
         n_neighbors=n_neighbors,
     )
+
+
+def _samples(
+    vertices: Tensor, faces: Tensor, n_samples: int, sampling: Sampling, generator: torch.Generator
+) -> SurfaceSamples:
+    if sampling == "area":
+        return sample_triangles(vertices, faces, n_samples, generator)[0]
+    drawn, _ = sample_triangles(vertices, faces, _DRAWN_PER_SAMPLE * n_samples, generator)
+    corners = vertices[faces]
+    cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
+    share = cross.norm(dim=-1).sum() / 2 / drawn.n_points
+    return fewer_samples(replace(drawn, areas=share.expand(drawn.n_points)), n_samples, sampling)
 
 
 def _open(source: object, faces: object) -> tuple[str, Tensor, NDArray[np.int64]]:

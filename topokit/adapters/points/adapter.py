@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
@@ -25,7 +24,7 @@ def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,
     *,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
 ) -> Shape:
     """A point cloud as a shape.
 
@@ -36,7 +35,7 @@ def from_points(
             and tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
-        n_neighbors: number of nearest neighbors for curvature.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
 
     Returns:
         A `Shape`, differentiable in points and normals. Rows that are not finite are dropped; the report counts them.

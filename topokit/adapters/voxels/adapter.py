@@ -26,7 +26,7 @@ from topokit.core.grid.euler import (
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.level_surface import level_surface
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
@@ -48,7 +48,7 @@ def from_voxels(
     label: float | None = None,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
@@ -68,7 +68,7 @@ def from_voxels(
         label: voxels equal to it are inside; then there is no level.
         origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
-        n_neighbors: number of nearest neighbors.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
@@ -88,7 +88,7 @@ def from_voxels(
     x, y, z = values.shape
     grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
     label = None if label is None else _as_number("label", label)
     level, notes = _level_and_notes(values, level, label)

@@ -3,8 +3,9 @@
 A grid needs cells smaller than the thinnest sheet. Delaunay tetrahedra adapt by themselves: two sheets a fraction of a
 sample spacing apart are still joined by tetrahedra that lie between them. Each tetrahedron is labeled inside or outside
 so that the separating facets are small, face the way the samples' normals do, and belong to large empty spheres on both
-sides. The Euler characteristics of the closed inside and of the closed outside are exact integers; where the separating
-surface is a manifold they agree, so that their difference is itself evidence.
+sides. Areas are in units of the sample spacing at their corners: a facet of a fine detail weighs as much as one of a
+coarse face. The Euler characteristics of the closed inside and of the closed outside are exact integers; where the
+separating surface is a manifold they agree, so that their difference is itself evidence.
 
 References:
     P. Labatut, J.-P. Pons, R. Keriven, "Robust and efficient surface reconstruction from range data", CGF 28(8), 2009,
@@ -18,10 +19,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
+from topokit.core.cloud.neighborhoods import is_flat
 from topokit.core.labels import connected_labels, count_distinct
 from topokit.errors import InputError
 
@@ -33,14 +35,17 @@ FACETS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Vertices of the facet opposite to each vertex of a tetrahedron."""
 
 _UNITS = 1000  # integer flow units per unit of cost
+_MOST_UNITS = 2**24  # of one edge: their sum over a hundred thousand samples fits SciPy's 32 bits with room to spare
+_DISPLACEMENT = 0.02  # largest shift of a sample, in spacings: samples in one plane make Qhull slow
 
 
 @dataclass(frozen=True, eq=False)
 class DelaunayComplex:
-    """Delaunay tetrahedra of N points with what the cut needs; lengths in units of the sample spacing.
+    """Delaunay tetrahedra of N points with what the cut needs; areas in units of the squared local spacing.
 
     Attributes:
-        points: (N, 3), centered.
+        points: (N, 3), centered, in units of the median spacing, and displaced by up to 2 % of their own.
+        spacing: (N,), typical distance to the neighbors of each, in the same unit.
         tetrahedra: (T, 4), vertex indices.
         neighbors: (T, 4), tetrahedron across the facet opposite to each vertex, −1 outside the hull.
         facet_area: (T, 4).
@@ -50,6 +55,7 @@ class DelaunayComplex:
     """
 
     points: Floats
+    spacing: Floats
     tetrahedra: Integers
     neighbors: Integers
     facet_area: Floats
@@ -102,25 +108,33 @@ class Cut:
     coverage: float
 
 
-def delaunay_complex(points: Floats, spacing: float) -> DelaunayComplex:
+def delaunay_complex(points: Floats, spacing: float | Floats) -> DelaunayComplex:
     """Delaunay tetrahedra of points in space.
 
     Args:
         points: (N, 3).
-        spacing: typical distance between neighboring samples; it makes the cut's weights free of units.
+        spacing: typical distance between neighboring samples, one number or one per sample (N,); it makes the cut's
+            weights free of units.
 
     Raises:
         InputError: if the points lie in a plane, on a line or in one place, or are fewer than five.
     """
+    spacing = np.broadcast_to(np.asarray(spacing, dtype=np.float64), len(points))
+    unit_length = float(np.median(spacing))
     middle = (points.max(0) + points.min(0)) / 2
-    points = (points - middle) / spacing
+    points, spacing = (points - middle) / unit_length, spacing / unit_length
+    refusal = (
+        f"the {len(points)} points span no volume (a plane, a line or one place), or are not finite: "
+        "they have no tetrahedra and bound no solid."
+    )
+    if len(points) < 4 or not np.isfinite(points).all() or is_flat(points):
+        raise InputError(refusal)
+    shift = np.random.default_rng(0).uniform(-_DISPLACEMENT, _DISPLACEMENT, points.shape)
+    points = points + spacing[:, None] * shift
     try:
         triangulation = Delaunay(points, qhull_options="Qbb Qc Qz Q12")
     except (QhullError, ValueError) as error:
-        raise InputError(
-            f"the {len(points)} points span no volume (a plane, a line or one place), or are not finite: "
-            "they have no tetrahedra and bound no solid."
-        ) from error
+        raise InputError(refusal) from error
     tetrahedra, neighbors = triangulation.simplices.astype(np.int64), triangulation.neighbors.astype(np.int64)
     corner = points[tetrahedra]
     facet = corner[:, FACETS]
@@ -137,7 +151,9 @@ def delaunay_complex(points: Floats, spacing: float) -> DelaunayComplex:
     other = np.where(on_hull, 1.0, cosine[across, back])
     sphere_cost = (1 - np.clip(np.minimum(cosine, other), -1, 1)) / 2
     hull = triangulation.convex_hull.astype(np.int64)
-    return DelaunayComplex(points, tetrahedra, neighbors, length / 2, normal, sphere_cost, hull)
+    squared = spacing[tetrahedra] ** 2
+    area = length / 2 / ((squared.sum(1, keepdims=True) - squared) / 3)  # of the three corners of each facet
+    return DelaunayComplex(points, spacing, tetrahedra, neighbors, area, normal, sphere_cost, hull)
 
 
 def _circumcenter_offsets(corner: Floats) -> Floats:
@@ -178,17 +194,22 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
     rows = np.concatenate((here[~on_hull], np.full(count, source), np.arange(count)))
     columns = np.concatenate((neighbors[~on_hull], np.arange(count), np.full(count, sink)))
     costs = (cost[~on_hull], np.maximum(side, 0), np.maximum(-side, 0) + leave)
-    capacity = np.concatenate([np.minimum(np.round(one * _UNITS), 2**27).astype(np.int32) for one in costs])
+    capacity = np.concatenate([np.minimum(np.round(one * _UNITS), _MOST_UNITS).astype(np.int32) for one in costs])
     graph = coo_matrix((capacity, (rows, columns)), shape=(count + 2, count + 2)).tocsr()
+    value, inside = _minimum_cut(graph, source, sink)
+    touched = surface_normals(complex_, inside[:count], normals)[1]
+    return Cut(inside[:count], value / _UNITS / len(complex_.points), float(touched.mean()))
+
+
+def _minimum_cut(graph: csr_matrix, source: int, sink: int) -> tuple[float, Booleans]:
+    """Capacity of the minimum cut, and which nodes are on the source's side: all that the residual graph reaches."""
     flow = maximum_flow(graph, source, sink, method="dinic")
     residual = graph - flow.flow
     residual.data = np.maximum(residual.data, 0)
     residual.eliminate_zeros()
-    reached = np.zeros(count + 2, dtype=bool)
+    reached = np.zeros(graph.shape[0], dtype=bool)
     reached[breadth_first_order(residual, source, return_predecessors=False)] = True
-    inside = reached[:count]
-    touched = surface_normals(complex_, inside, normals)[1]
-    return Cut(inside, float(flow.flow_value) / _UNITS / len(complex_.points), float(touched.mean()))
+    return float(flow.flow_value), reached
 
 
 def surface_normals(complex_: DelaunayComplex, inside: Booleans, fallback: Floats) -> tuple[Floats, Booleans]:

@@ -1,97 +1,101 @@
-"""Even downsampling of large clouds, which bounds the cost of steps that are not linear in the number of points."""
+"""Downsampling: fewer samples, placed where a surface needs them."""
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from topokit.core.cloud.neighborhoods import FEWEST_POINTS, fit_planes, with_neighbors
+from topokit.core.cloud.cubes import CubeHierarchy, curve_order
 from topokit.core.labels import count_distinct
-from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Criterion = Literal["feature-size", "curvature", "even"]
 
-MOST_POINTS = 30_000
-"""Clouds up to this size are used whole."""
-
-KEPT_POINTS = 20_000
-"""Larger clouds are reduced to about this size."""
+_ATTEMPTS = 16  # sides of cubes that are tried for even downsampling
+_ENOUGH = 0.9  # share of the wanted number of cubes that is near enough
 
 
-def downsample(points: Floats, areas: Floats | None = None) -> tuple[Integers, Floats | None]:
-    """Indices of the points to keep: all distinct points, or about 20 000 of more than 30 000, evenly spread.
+def downsample(
+    points: Floats, n_samples: int, by: Criterion, normals: Floats | None = None, noise: float = 0.0
+) -> tuple[Integers, Integers]:
+    """Points to keep, and for every point the kept one that stands for it.
 
-    Of coinciding points the first is kept. For large clouds space is divided into cubes and the point nearest to the
-    center of each cube is kept; the side is chosen so that about `KEPT_POINTS` cubes are occupied. Deterministic.
+    Space is divided into cubes, and in each the point nearest to the centroid is kept. Deterministic, O(N log N).
 
     Args:
-        points: (N, 3), finite, not all in one place.
-        areas: (N,), surface area that each point stands for.
+        points: (N, 3), finite.
+        n_samples: number of points to keep, at most.
+        by: "feature-size": cubes are split while the points within are not flat, because the surface bends or because
+            an opposite sheet is near; with normals, opposite sheets are kept both and cost no more than a plane.
+            "curvature": cubes are split while the normals within differ. "even": cubes of one size.
+        normals: (N, 3), unit; needed for "curvature", whose signs do not matter there.
+        noise: standard deviation of the points from the surface; cubes that are not thicker are flat.
 
     Returns:
-        Indices of the kept points, ascending, and their areas, each the sum over the points it represents.
-
-    Raises:
-        InputError: if fewer than 32 different points are left.
+        Indices (M,) of the kept points, M ≤ n_samples, ascending; and for each point (N,) a position 0 … M−1 in them.
     """
-    kept, inverse = _distinct(points) if len(points) <= MOST_POINTS else _one_per_cube(points)
-    if len(kept) < FEWEST_POINTS:
-        raise InputError(f"{len(kept)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
-    ascending = np.argsort(kept)
-    if areas is not None:
-        areas = np.asarray(np.bincount(inverse, areas)[ascending], dtype=np.float64)
-    return kept[ascending], areas
+    if n_samples >= len(points) or not np.ptp(points, axis=0).max() > 0:
+        return np.arange(len(points)), np.arange(len(points))
+    if by == "even":
+        return representatives(points, even_cells(points, n_samples))
+    hierarchy = CubeHierarchy(points, normals, largest=n_samples, noise=noise, thickness=by == "feature-size")
+    return representatives(points, hierarchy.cells(n_samples))
 
 
-def _distinct(points: Floats) -> tuple[Integers, Integers]:
-    """First point at each position, and for every point the group it belongs to, (N,)."""
-    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    return first, inverse.ravel()
-
-
-def _one_per_cube(points: Floats) -> tuple[Integers, Integers]:
-    """One point per cube, and for every point the cube it lies in, (N,), in the same order."""
-    low = points.min(0)
-    extent = float((points.max(0) - low).max())
-    smallest, largest = 0.0, extent
-    side = extent / 100
-    for _ in range(16):  # a surface meets about side⁻² cubes
-        cube = _cubes(points - low, side)
-        n_cubes = count_distinct(cube)
-        if 0.9 * KEPT_POINTS <= n_cubes <= 1.1 * KEPT_POINTS:
-            break
-        smallest, largest = (side, largest) if n_cubes > KEPT_POINTS else (smallest, side)
-        guess = side * (n_cubes / KEPT_POINTS) ** 0.5
-        side = guess if smallest < guess < largest else (smallest + largest) / 2
-    offset = (points - low) / side % 1 - 0.5
-    order = np.lexsort(((offset * offset).sum(1), cube))
-    _, first, sorted_inverse = np.unique(cube[order], return_index=True, return_inverse=True)
-    inverse = np.empty_like(order)
-    inverse[order] = sorted_inverse
-    return order[first], inverse
-
-
-def spread_signs(points: Floats, kept: Integers, normals: Floats, n_neighbors: int = 16) -> Floats:
-    """Normals for all points from the oriented normals of the kept ones: own plane, sign of the nearest kept point.
-
-    A kept point, and every point that coincides with it, has the kept point's normal.
+def representatives(points: Floats, cells: Integers) -> tuple[Integers, Integers]:
+    """The point of each cell nearest to its centroid, ascending, and every point's position in that list.
 
     Args:
         points: (N, 3).
-        kept: (M,), indices into the points.
-        normals: (M, 3), unit, outward.
-        n_neighbors: neighbors that each plane is fitted to.
-
-    Returns:
-        (N, 3), unit, outward.
+        cells: (N,), cell of each point; every cell 0 … c−1 holds one.
     """
-    planes, _ = fit_planes(points, with_neighbors(points, n_neighbors))
-    distance, nearest = cKDTree(points[kept]).query(points)
-    guide = normals[nearest]
-    signed = planes * np.where((planes * guide).sum(1) < 0, -1.0, 1.0)[:, None]
-    return np.where(distance[:, None] == 0, guide, signed)
+    count = np.bincount(cells)
+    centroid = np.stack([np.bincount(cells, column) for column in points.T], axis=1) / count[:, None]
+    distance = ((points - centroid[cells]) ** 2).sum(1)
+    order = np.lexsort((distance, cells))
+    kept = order[np.cumsum(count) - count]
+    rank = np.empty_like(kept)
+    rank[np.argsort(kept)] = np.arange(len(kept))
+    return np.sort(kept), rank[cells]
+
+
+def even_cells(points: Floats, n_cells: int) -> Integers:
+    """The cube, among cubes of one size, in which each point (N, 3) lies; at most about `n_cells` hold points."""
+    low = points.min(0)
+    smallest, largest = 0.0, float((points.max(0) - low).max())
+    side = largest / max(n_cells, 1) ** 0.5
+    for _ in range(_ATTEMPTS):  # a surface meets about side⁻² cubes
+        cube = _cubes(points - low, side)
+        found = count_distinct(cube)
+        if _ENOUGH * n_cells <= found <= n_cells:
+            break
+        smallest, largest = (side, largest) if found > n_cells else (smallest, side)
+        guess = side * (found / (n_cells * (1 + _ENOUGH) / 2)) ** 0.5
+        side = guess if smallest < guess < largest else (smallest + largest) / 2
+    return np.unique(cube, return_inverse=True)[1].ravel()
+
+
+def distinct(points: Floats) -> tuple[Integers, Integers]:
+    """Indices of the first point at each position, ascending, and for every point (N,) its position in that list."""
+    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+    bits = (points + 0.0).view(np.uint64)  # −0 becomes 0
+    _, first, group = np.unique((bits * factors).sum(1), return_index=True, return_inverse=True)
+    if not (points[first[group]] == points).all():  # two positions with one hash
+        _, first, group = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    rank = np.empty_like(first)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return np.sort(first), rank[group.ravel()]
+
+
+def thin_along_curve(points: Floats, most: int) -> Integers:
+    """Indices, ascending, of every n-th point along a Z-order curve, at most `most`: density keeps its proportions."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    step = -(-len(points) // most)
+    return np.sort(curve_order(points)[0][step // 2 :: step])
 
 
 def _cubes(offsets: Floats, side: float) -> Integers:

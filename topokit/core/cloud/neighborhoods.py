@@ -19,6 +19,7 @@ Integers = NDArray[np.int64]
 _ROWS = 1 << 15  # samples whose neighborhoods are in memory at once
 _NEAREST = 16  # neighbors for planes, areas and the comparison of normals
 _WIDE = 39  # neighbors among which opposite sheets are looked for
+_FLAT = 1e-6  # thickness of a cloud over its length up to which it lies in a plane
 _OPPOSITE = -0.5  # cosine below which two normals belong to opposite sheets
 _SAME_SHEET = 0.3  # cosine above which two normals belong to the same sheet
 FEWEST_POINTS = 32
@@ -36,6 +37,7 @@ class LocalGeometry:
         normals: (N, 3), unit, of arbitrary sign: direction of least variance of the neighborhood (PCA).
         areas: (N,), surface area that each sample stands for.
         spacing: √(mean area), the typical distance between neighboring samples.
+        spacings: (N,), the same around each sample: √(mean area of it and its neighbors).
         roughness: median distance of neighbors from the local plane, in spacings.
     """
 
@@ -45,15 +47,17 @@ class LocalGeometry:
     normals: Floats
     areas: Floats
     spacing: float
+    spacings: Floats
     roughness: float
 
 
-def local_geometry(points: Floats, areas: Floats | None = None) -> LocalGeometry:
+def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | None = None) -> LocalGeometry:
     """Neighborhoods, planes and areas of samples; one neighbor query.
 
     Args:
         points: (N, 3).
         areas: (N,), where known; π r₈² / 8 by default, r₈ the distance to the eighth neighbor.
+        axes: (N, 3), unit normals of arbitrary sign, where known; fitted to the neighbors by default.
 
     Raises:
         InputError: if there are fewer than four points, or nearly all of them coincide.
@@ -63,14 +67,16 @@ def local_geometry(points: Floats, areas: Floats | None = None) -> LocalGeometry
     index = np.concatenate((own, wide_index[:, :_NEAREST]), axis=1)
     distance = np.linalg.norm(points[index] - points[:, None], axis=2)
     normals, thickness = fit_planes(points, index)
-    if areas is None:
-        rank = min(8, index.shape[1] - 1)
-        areas = np.pi * distance[:, rank] ** 2 / rank
+    rank = min(8, index.shape[1] - 1)
+    discs = np.pi * distance[:, rank] ** 2 / rank
+    areas = discs if areas is None else areas
     spacing = float(np.sqrt(areas.mean()))
     if not spacing > 0:
         raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
     roughness = float(np.median(thickness)) / spacing
-    return LocalGeometry(index, wide_index, distance, normals, areas, spacing, roughness)
+    spacings = np.sqrt(np.maximum(discs[index].mean(1), 1e-6 * spacing**2))
+    normals = normals if axes is None else axes
+    return LocalGeometry(index, wide_index, distance, normals, areas, spacing, spacings, roughness)
 
 
 def with_neighbors(points: Floats, n_neighbors: int) -> Integers:
@@ -123,10 +129,15 @@ def centered_positions(points: Floats) -> tuple[Floats, float]:
     unit_length = float(2.0 ** np.floor(np.log2(longest)))
     middle = np.round((low / 2 + high / 2) / unit_length) * unit_length
     positions = (points - middle) / unit_length
-    thickness = np.linalg.svd(positions - positions.mean(0), compute_uv=False)
-    if thickness[2] <= 1e-6 * thickness[0]:
+    if is_flat(positions):
         raise InputError("the points lie in a plane or on a line: they bound no solid.")
     return positions, unit_length
+
+
+def is_flat(points: Floats) -> bool:
+    """Whether points (N, 3) lie in a plane, on a line or in one place."""
+    variance = np.linalg.eigvalsh(np.cov(points, rowvar=False))
+    return bool(variance[0] <= _FLAT**2 * variance[2])
 
 
 def unit(vectors: Floats) -> Floats:

@@ -23,11 +23,13 @@ from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Scale = Literal["coarse", "fine"]
 
 _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1.05, "coarse solve": 1.05}
 """Cost factors: a candidate without alternation must be clearly better."""
 
+_FEW_CONTRADICTED = 0.002  # share of normals against their own solid up to which propagation is believed
 _INTERPOLATING = 0.97  # coverage from which samples count as free of noise, so that a missed one is a missed feature
 _COVERAGE_POWER = 9.0  # how much a missed sample costs then
 _LEAST_COVERAGE = 1e-3  # keeps the cost finite
@@ -66,7 +68,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
         points: (N, 3), centered, of moderate extent and number.
         local: neighborhoods of the points.
     """
-    complex_ = delaunay_complex(points, local.spacing)
+    complex_ = delaunay_complex(points, local.spacings)
     trials = {}
     for name, direction in candidate_directions(points, local).items():
         normals = clean_normals(points, direction, local.index)
@@ -81,6 +83,40 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     surface, _ = surface_normals(complex_, cut.inside, normals)
     normals = unit(surface + normals + 1e-9 * direction)  # the last term decides where the others cancel
     return Orientation(normals, best, costs, cut.coverage, complex_)
+
+
+def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> Orientation:
+    """Outward normals for samples whose normals are known up to the signs of whole patches.
+
+    The normals are believed where the solid that they imply contradicts few of them. Otherwise they compete with the
+    fields' directions, taken patch by patch and one by one.
+
+    Args:
+        points: (N, 3), centered, of moderate extent and number.
+        normals: (N, 3), unit, outward if nothing went wrong on the way along the surface.
+        patches: (N,), numbers 0, 1, … of parts within which the signs agree.
+        local: neighborhoods of the points.
+    """
+    complex_ = delaunay_complex(points, local.spacings)
+    trials = {"propagation": (normals, cut_complex(complex_, normals))}
+    surface, _ = surface_normals(complex_, trials["propagation"][1].inside, normals)
+    contradicted = float(((surface * normals).sum(1) < 0).mean())
+    if contradicted > _FEW_CONTRADICTED or trials["propagation"][1].coverage < _INTERPOLATING:
+        for name, direction in candidate_directions(points, local).items():
+            if name.endswith("solve"):
+                continue  # the alternation is nearly always better, and cuts of many samples are slow
+            along = (normals * direction).sum(1)
+            by_patch = np.where(np.bincount(patches, local.areas * along)[patches] < 0, -1.0, 1.0)
+            for kind, signs in (("patches", by_patch), ("samples", np.where(along < 0, -1.0, 1.0))):
+                candidate = normals * signs[:, None]
+                trials[f"{name} of {kind}"] = (candidate, cut_complex(complex_, candidate))
+    is_clean = max(cut.coverage for _, cut in trials.values()) >= _INTERPOLATING
+    costs = {name: _cost(cut, _COVERAGE_POWER if is_clean else 1.0) for name, (_, cut) in trials.items()}
+    best = min(costs, key=lambda candidate: costs[candidate])
+    normals, cut = trials[best]
+    surface, _ = surface_normals(complex_, cut.inside, normals)
+    turned = normals * np.where((surface * normals).sum(1) < 0, -1.0, 1.0)[:, None]
+    return Orientation(turned, best, costs, cut.coverage, complex_)
 
 
 def _cost(cut: Cut, power: float = 1.0) -> float:
@@ -135,6 +171,23 @@ def check_normals(
             return "mixed", max(agreement, 1 - agreement)
         if is_cheaper:
             sign = 1.0 if agreement > 0.5 else -1.0
+    return ("outward" if sign > 0 else "inward"), confirmed
+
+
+def compare_normals(given: Floats, found: Orientation) -> tuple[Literal["outward", "inward", "mixed"], float]:
+    """Whether given normals agree with found ones, and the share that does, up to a common sign.
+
+    Args:
+        given: (N, 3), unit.
+        found: an orientation of the same samples, which must imply a clearly cheaper solid to refute the given ones.
+    """
+    agreement = float(((found.normals * given).sum(1) > 0).mean())
+    sign = 1.0 if agreement > 0.5 else -1.0
+    confirmed = max(agreement, 1 - agreement)
+    if confirmed < 1 - _FEW:
+        cost = _cost(cut_complex(found.complex_, sign * given))
+        if _cost(cut_complex(found.complex_, found.normals)) < _CHEAPER * cost:
+            return "mixed", confirmed
     return ("outward" if sign > 0 else "inward"), confirmed
 
 

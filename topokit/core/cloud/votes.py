@@ -2,12 +2,15 @@
 
 Two independent families look at the same samples: minimum cuts of Delaunay tetrahedra (several weights, original and
 smoothed positions, counted from inside and from outside) and winding-number fields on grids (several resolutions and
-smoothings). The Euler characteristic of the surface is twice that of the solid.
+smoothings). Of a large cloud, half as many samples are cut once more, which tests convergence, and fields vote only
+where their grids are as fine as the samples. The Euler characteristic of the surface is twice that of the solid.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,13 +26,15 @@ from topokit.core.cloud.delaunay_cut import (
     delaunay_complex,
     solid_eulers,
 )
-from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten
+from topokit.core.cloud.dense import DenseCloud, Samples
+from topokit.core.cloud.downsampling import thin_along_curve
+from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_geometry
 from topokit.core.grid.euler import surface_euler
-from topokit.core.grid.grid import make_grid
+from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
-Family = Literal["cut", "smooth cut", "field"]
+Family = Literal["cut", "smooth cut", "coarse cut", "field"]
 
 CUT_SETTINGS = (CutWeights(0.5, 3.0, 4.0), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
 SMOOTH_SETTINGS = CUT_SETTINGS[:2]
@@ -39,9 +44,13 @@ FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
 WEIGHTS: dict[Family, tuple[float, ...]] = {
     "cut": (1.5, 1.0, 1.0),
     "smooth cut": (1.25, 1.0),
+    "coarse cut": (1.25, 1.0),
     "field": (0.8, 0.8, 0.6),
 }
 """Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
+
+_FINEST = 0.1  # share of the samples whose spacing may be finer than a grid's cells
+_MOST_IN_FIELD = 200_000  # points of a large cloud that its fields are made from
 
 CROWDED_REACH = (1.5, 2.5)
 """Distances, in sample spacings, at which an opposite sheet counts as close."""
@@ -52,14 +61,17 @@ class Vote:
     """Euler characteristic of the surface under one setting.
 
     Attributes:
-        family: "cut" (original positions), "smooth cut" (smoothed positions) or "field".
+        family: "cut" (original positions), "smooth cut" (smoothed positions), "coarse cut" (half as many samples of a
+            large cloud) or "field".
         setting: index into the family's settings.
         eulers: counted from inside and from outside for a cut, one value for a field.
+        n_samples: number of samples that it is made from.
     """
 
     family: Family
     setting: int
     eulers: tuple[int, ...]
+    n_samples: int = 0
 
     @property
     def weight(self) -> float:
@@ -89,7 +101,7 @@ class SampleQuality:
 def gather_votes(
     points: Floats, normals: Floats, local: LocalGeometry, areas: Floats, complex_: DelaunayComplex
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
-    """The vote of every setting on oriented samples.
+    """The vote of every setting on all samples of a cloud of moderate size.
 
     Args:
         points: (N, 3), centered, of moderate extent.
@@ -102,18 +114,70 @@ def gather_votes(
         The votes, the quality of the samples, and the first cut.
     """
     spacing = float(np.sqrt(areas.mean()))
-    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
-    votes = [Vote("cut", k, _surface_eulers(complex_, cut)) for k, cut in enumerate(cuts)]
-    smooth = delaunay_complex(flatten(points, normals, local), spacing)
-    for k, weights in enumerate(SMOOTH_SETTINGS):
-        votes.append(Vote("smooth cut", k, _surface_eulers(smooth, cut_complex(smooth, normals, weights))))
-    p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
-    for k, (per_spacing, sigma, most) in enumerate(FIELD_SETTINGS):
-        field = winding_field(p, n, a, make_grid(p, spacing, per_spacing, most), sigma)
-        votes.append(Vote("field", k, (int(surface_euler(field.values, 0.5, connectivity=6)),)))
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS]
+        smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
+        fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
+        first, others = cuts[0].result(), [cut.result() for cut in cuts]
+        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(others)]
+        votes += [*smooth.result(), *(field.result() for field in fields)]
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
-    quality = SampleQuality(cuts[0].coverage, disagreement(normals, local.index), local.roughness, near, wide)
-    return tuple(votes), quality, cuts[0]
+    quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide)
+    return tuple(votes), quality, first
+
+
+def gather_dense_votes(
+    cloud: DenseCloud, normals: Floats, samples: Samples, local: LocalGeometry, complex_: DelaunayComplex
+) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
+    """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.
+
+    Args:
+        cloud: all points.
+        normals: (N, 3), unit, outward, of all points.
+        samples: those that the tetrahedra are made of.
+        local: neighborhoods of the samples.
+        complex_: Delaunay tetrahedra of the samples.
+
+    Returns:
+        As for `gather_votes`.
+    """
+    few = cloud.samples(len(samples.kept) // 2).kept
+    chosen = normals[samples.kept]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        cuts = [threads.submit(cut_complex, complex_, chosen, weights) for weights in CUT_SETTINGS]
+        spacings = local_geometry(cloud.points[few]).spacings
+        coarse = threads.submit(_cut_votes, "coarse cut", cloud.points[few], normals[few], spacings)
+        finest = float(np.quantile(local.spacings, _FINEST))
+        part = thin_along_curve(cloud.points, _MOST_IN_FIELD)
+        areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
+        fields = [
+            threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k)
+            for k in range(len(FIELD_SETTINGS))
+            if _field_grid(cloud.points[part], finest, k).cell <= finest
+        ]
+        first, others = cuts[0].result(), [cut.result() for cut in cuts]
+        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(others)]
+        votes += [*coarse.result(), *(field.result() for field in fields)]
+    near, wide = cloud.crowded_shares(samples, normals, CROWDED_REACH)
+    quality = SampleQuality(first.coverage, disagreement(chosen, local.index), cloud.surface.roughness, near, wide)
+    return tuple(votes), quality, first
+
+
+def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:
+    complex_ = delaunay_complex(points, spacings)
+    cuts = [cut_complex(complex_, normals, weights) for weights in SMOOTH_SETTINGS]
+    return [Vote(family, k, _surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(cuts)]
+
+
+def _field_vote(points: Floats, normals: Floats, areas: Floats, spacing: float, setting: int) -> Vote:
+    p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
+    field = winding_field(p, n, a, _field_grid(points, spacing, setting), FIELD_SETTINGS[setting][1])
+    return Vote("field", setting, (int(surface_euler(field.values, 0.5, connectivity=6)),), len(points))
+
+
+def _field_grid(points: Floats, spacing: float, setting: int) -> Grid:
+    per_spacing, _, most = FIELD_SETTINGS[setting]
+    return make_grid(torch.as_tensor(points, dtype=torch.float32), spacing, per_spacing, most)
 
 
 def _surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:

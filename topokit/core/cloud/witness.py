@@ -7,17 +7,29 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.cloud.cut_surface import CutSurface, cut_surface
-from topokit.core.cloud.delaunay_cut import DelaunayComplex, count_parts, delaunay_complex
-from topokit.core.cloud.downsampling import MOST_POINTS, downsample, spread_signs
+from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.cut_surface import cut_surface
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex
+from topokit.core.cloud.dense import (
+    MOST_POINTS,
+    SAMPLES,
+    DenseCloud,
+    averaged,
+    dense_cloud,
+    is_noisy,
+    thinned,
+)
+from topokit.core.cloud.downsampling import distinct
+from topokit.core.cloud.findings import Preparation, Signs, SignSource, SmoothedLook, Witness
 from topokit.core.cloud.neighborhoods import (
+    FEWEST_POINTS,
     LocalGeometry,
     centered_positions,
     compatible_areas,
@@ -25,14 +37,15 @@ from topokit.core.cloud.neighborhoods import (
     project_to_planes,
     unit,
 )
-from topokit.core.cloud.orientation import check_normals, orient_samples
-from topokit.core.cloud.votes import SampleQuality, Vote, gather_votes, tally
+from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
+from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
+__all__ = ["Signs", "SmoothedLook", "Witness", "global_witness"]
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
 
 _ROUGH = 0.5  # roughness from which a cloud may be looked at again, smoothed
 _WIDE = 64  # neighbors of that smoothing
@@ -41,104 +54,54 @@ _UNANIMOUS = 0.9  # agreement of the smoothed cloud from which its integer is ta
 _SMALLEST_FEATURE = 2.5  # sample spacings that a feature must measure to be seen in clean samples
 _BLUR = 2.0  # by how many spacings more for each spacing of roughness beyond that of clean samples
 _CLEAN = 0.15  # roughness of clean samples of curved surfaces
-
-
-@dataclass(frozen=True)
-class Signs:
-    """Where the outward directions came from.
-
-    Attributes:
-        source: "given" (as they came), "reversed" (they all pointed inward), "contradictory" (they disagreed, so signs
-            were found), "axes" (given without signs), "none" (no normals were given).
-        confirmed: share of the given normals that the points confirm, or None where signs were not given.
-        coverage: share of the samples on the surface that the found directions imply, or None where none were found.
-    """
-
-    source: SignSource
-    confirmed: float | None
-    coverage: float | None
-
-
-@dataclass(frozen=True)
-class SmoothedLook:
-    """A second look at a noisy cloud whose votes contradict each other, smoothed over wide neighborhoods.
-
-    Attributes:
-        euler: Euler characteristic of the surface that the smoothed points give.
-        agreement: its share of the weight of all votes.
-        n_neighbors: neighbors that each point was smoothed over.
-    """
-
-    euler: int
-    agreement: float
-    n_neighbors: int
-
-
-@dataclass(frozen=True, eq=False)
-class Witness:
-    """The global evidence about the closed surface of a cloud.
-
-    Attributes:
-        euler: Euler characteristic of the surface.
-        agreement: share of the weight of all votes that stands behind the heaviest integer.
-        votes: Euler characteristic per setting.
-        quality: how well the samples support the answer.
-        signs: where the outward directions came from.
-        smoothed: the second look, if its integer was taken over, else None.
-        components: parts of the solid.
-        cavities: holes wholly inside the solid; the surface has components + cavities components.
-        normals: (N, 3), unit, outward, for every point given.
-        n_points: points given.
-        n_used: points used, after downsampling and without points that coincide with others.
-        spacing: typical distance between the used points, in units of length.
-        resolution: size of the smallest feature that the votes can see, in units of length.
-        seconds: time per stage.
-        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
-    """
-
-    euler: int
-    agreement: float
-    votes: tuple[Vote, ...]
-    quality: SampleQuality
-    signs: Signs
-    smoothed: SmoothedLook | None
-    components: int
-    cavities: int
-    normals: Floats
-    n_points: int
-    n_used: int
-    spacing: float
-    resolution: float
-    seconds: dict[str, float]
-    surface: CutSurface | None
-
-    @property
-    def is_downsampled(self) -> bool:
-        """Whether the cloud was too large to be used whole."""
-        return self.n_points > MOST_POINTS
+_SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
+_FINEST = 0.1  # share of the samples of a large cloud whose spacing may be finer than the stated one
 
 
 @dataclass(frozen=True, eq=False)
 class _Cloud:
-    """A cloud ready to be looked at: centered, scaled, downsampled.
+    """Distinct points ready to be looked at: centered and scaled.
 
     Attributes:
-        positions: (N, 3), all points, centered, in units of `unit_length`.
+        points: (N, 3), in units of `unit_length`.
         normals: (N, 3), unit, or None.
-        unit_length: the unit of the positions, in units of length.
-        kept: (M,), indices of the points that are used.
-        areas: (M,), area per used point, or None.
+        areas: (N,), area per point, or None.
+        oriented: whether the signs of the normals mean anything.
     """
 
-    positions: Floats
+    points: Floats
     normals: Floats | None
-    unit_length: float
-    kept: Integers
     areas: Floats | None
+    oriented: bool
 
-    @property
-    def points(self) -> Floats:
-        return self.positions[self.kept]
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What one look at a cloud found.
+
+    Attributes:
+        signs: where the outward directions came from.
+        normals: (N, 3), unit, outward, of all points of the cloud.
+        votes: with the quality of the samples and the first cut.
+        quality: see there.
+        cut: see there.
+        complex_: tetrahedra of the samples.
+        kept: (M,), indices of the samples in the cloud.
+        spacing: typical distance between samples.
+        finest: that of the finest samples.
+        turned: when the normals were found.
+    """
+
+    signs: Signs
+    normals: Floats
+    votes: tuple[Vote, ...]
+    quality: SampleQuality
+    cut: Cut
+    complex_: DelaunayComplex
+    kept: Integers
+    spacing: float
+    finest: float
+    turned: float
 
 
 @one_thread()
@@ -152,8 +115,9 @@ def global_witness(
 ) -> Witness:
     """The global evidence about a cloud's closed surface.
 
-    Clouds of more than 30 000 points are downsampled evenly to about 20 000. Runs on the CPU, is deterministic, and is
-    not differentiable.
+    Of more than 30 000 points the normals and signs are found at full density (of more than two million, at two
+    million); then 20 000 samples are taken where features are small. Runs on the CPU, is deterministic, and is not
+    differentiable.
 
     Args:
         points: (N, 3) samples of a surface, any float dtype and device.
@@ -169,52 +133,103 @@ def global_witness(
             normals or areas that do not fit the points or are not finite.
     """
     start = time.perf_counter()
-    cloud = _prepare(points, normals, areas)
-    local = local_geometry(cloud.points, cloud.areas)
-    signs, outward, complex_ = _outward(cloud, local, oriented)
-    turned = time.perf_counter()
-    weights = compatible_areas(outward, local) if areas is None else local.areas
-    votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
-    components, cavities = count_parts(complex_, cut.inside)
-    euler, agreement = tally(votes)
-    surface = cut_surface(complex_, cut.inside, euler)
-    voted = time.perf_counter()
-    spacing = float(np.sqrt(weights.mean())) * cloud.unit_length
-    witness = Witness(
-        euler=euler,
-        agreement=agreement,
-        votes=votes,
-        quality=quality,
-        signs=signs,
-        smoothed=None,
-        components=components,
-        cavities=cavities,
-        normals=_normals_of_all(cloud, signs, outward),
-        n_points=len(cloud.positions),
-        n_used=len(cloud.kept),
-        spacing=spacing,
-        resolution=spacing * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
-        seconds={"orientation": turned - start, "votes": voted - turned, "signs": time.perf_counter() - voted},
-        surface=replace(surface, points=cloud.kept[surface.points]),
-    )
-    return _second_look(witness, cloud.points) if may_smooth else witness
-
-
-def _prepare(points: Tensor, normals: Tensor | None, areas: Tensor | None) -> _Cloud:
     positions, unit_length = centered_positions(_as_floats(points))
     given = None if normals is None else unit(_matching(normals, positions.shape, "normals"))
     scaled = None if areas is None else _matching(areas, positions.shape[:1], "areas") / unit_length**2
-    kept, kept_areas = downsample(positions, scaled)
-    return _Cloud(positions, given, unit_length, kept, kept_areas)
+    chosen = thinned(positions)
+    first, owner = distinct(positions[chosen])
+    if len(first) < FEWEST_POINTS:
+        raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
+    kept = chosen[first]
+    summed = None if scaled is None else _summed(scaled[chosen], owner, len(positions) / len(chosen))
+    cloud = _Cloud(positions[kept], None if given is None else given[kept], summed, oriented)
+    look, preparation, used_points = _look(cloud)
+    components, cavities = count_parts(look.complex_, look.cut.inside)
+    euler, agreement = tally(look.votes)
+    surface = cut_surface(look.complex_, look.cut.inside, euler)
+    quality = look.quality
+    witness = Witness(
+        euler=euler,
+        agreement=agreement,
+        votes=look.votes,
+        quality=quality,
+        signs=look.signs,
+        smoothed=None,
+        components=components,
+        cavities=cavities,
+        normals=_normals_of_all(positions, chosen, owner, given, look),
+        n_points=len(positions),
+        n_used=len(look.kept),
+        spacing=look.spacing * unit_length,
+        resolution=look.finest * unit_length * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
+        seconds={
+            "orientation": look.turned - start,
+            "votes": time.perf_counter() - look.turned,
+        },
+        surface=replace(surface, points=kept[look.kept][surface.points]),
+        preparation=preparation,
+    )
+    return _second_look(witness, used_points) if may_smooth else witness
 
 
-def _outward(cloud: _Cloud, local: LocalGeometry, oriented: bool) -> tuple[Signs, Floats, DelaunayComplex]:
-    """Outward normals (M, 3) of the used points, where their signs came from, and the tetrahedra built on the way."""
+def _look(cloud: _Cloud) -> tuple[_Look, Preparation, Floats]:
+    """A look at all points, at samples where features are small, or at averages; and the points that were used."""
+    if len(cloud.points) <= MOST_POINTS:
+        return _look_at_all(cloud), "whole", cloud.points
+    surface = surface_axes(cloud.points)
+    if not is_noisy(surface):
+        axes = surface.axes if cloud.normals is None else cloud.normals
+        areas = surface.areas if cloud.areas is None else cloud.areas
+        look = _look_at_samples(dense_cloud(cloud.points, replace(surface, axes=axes, areas=areas)), cloud)
+        return look, "sampled", cloud.points[look.kept]
+    kept, moved = averaged(cloud.points, surface.tree)
+    part = _Cloud(moved, None if cloud.normals is None else cloud.normals[kept], None, cloud.oriented)
+    look = _look_at_all(part)
+    nearest = cKDTree(moved).query(cloud.points, workers=-1)[1]
+    return replace(look, kept=kept[look.kept], normals=look.normals[nearest]), "averaged", moved
+
+
+def _look_at_all(cloud: _Cloud) -> _Look:
+    local = local_geometry(cloud.points, cloud.areas)
+    signs, outward, complex_ = _outward(cloud, local)
+    turned = time.perf_counter()
+    weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
+    votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
+    spacing = float(np.sqrt(weights.mean()))
+    every = np.arange(len(cloud.points))
+    return _Look(signs, outward, votes, quality, cut, complex_, every, spacing, spacing, turned)
+
+
+def _look_at_samples(dense: DenseCloud, cloud: _Cloud) -> _Look:
+    samples = dense.samples(SAMPLES)
+    points, axes = dense.points[samples.kept], dense.propagation.normals[samples.kept]
+    local = local_geometry(points, samples.areas, axes)
+    found = orient_by_patches(points, axes, dense.propagation.patches[samples.kept], local)
     source: SignSource = "none" if cloud.normals is None else "axes"
+    confirmed, given = None, None
+    normals = dense.propagation.normals * np.where((found.normals * axes).sum(1) < 0, -1.0, 1.0)[samples.owner, None]
+    if cloud.normals is not None and cloud.oriented:
+        given = cloud.normals[samples.kept]
+        kind, confirmed = compare_normals(given, found)
+        source = _SOURCES[kind]
+    signs = Signs(source, confirmed, found.coverage if source in ("none", "axes", "contradictory") else None)
+    if cloud.normals is not None and source in ("given", "reversed"):
+        normals = cloud.normals if source == "given" else -cloud.normals
+    turned = time.perf_counter()
+    votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_)
+    spacing, finest = np.quantile(local.spacings, (0.5, _FINEST))
+    return _Look(
+        signs, normals, votes, quality, cut, found.complex_, samples.kept, float(spacing), float(finest), turned
+    )
+
+
+def _outward(cloud: _Cloud, local: LocalGeometry) -> tuple[Signs, Floats, DelaunayComplex]:
+    """Outward normals (N, 3) of all points, where their signs came from, and the tetrahedra built on the way."""
+    given = cloud.normals
+    source: SignSource = "none" if given is None else "axes"
     confirmed = None
-    given = None if cloud.normals is None else cloud.normals[cloud.kept]
-    if given is not None and oriented:
-        complex_ = delaunay_complex(cloud.points, local.spacing)
+    if given is not None and cloud.oriented:
+        complex_ = delaunay_complex(cloud.points, local.spacings)
         kind, confirmed = check_normals(cloud.points, given, compatible_areas(given, local), local, complex_)
         if kind != "mixed":
             source, sign = ("given", 1.0) if kind == "outward" else ("reversed", -1.0)
@@ -225,14 +240,14 @@ def _outward(cloud: _Cloud, local: LocalGeometry, oriented: bool) -> tuple[Signs
     return Signs(source, confirmed, found.coverage), outward, found.complex_
 
 
-def _normals_of_all(cloud: _Cloud, signs: Signs, outward: Floats) -> Floats:
-    """Outward unit normals (N, 3) for all points, from those of the used points."""
-    if len(cloud.kept) == len(cloud.positions):
-        return outward
-    if cloud.normals is not None and signs.source in ("given", "reversed"):
-        return cloud.normals if signs.source == "given" else -cloud.normals
-    spread = spread_signs(cloud.positions, cloud.kept, outward)
-    return spread if cloud.normals is None else _signed(cloud.normals, spread)
+def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: _Look) -> Floats:
+    """Outward unit normals (N, 3) for all points, from those of the distinct ones among the chosen."""
+    if given is not None and look.signs.source in ("given", "reversed"):
+        return given if look.signs.source == "given" else -given
+    normals = look.normals[owner]
+    if len(chosen) < len(positions):
+        normals = normals[cKDTree(positions[chosen]).query(positions, workers=-1)[1]]
+    return normals if given is None else _signed(given, normals)
 
 
 def _second_look(witness: Witness, points: Floats) -> Witness:
@@ -242,7 +257,7 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
     agree.
     """
     noisy = witness.quality.roughness >= _ROUGH and witness.agreement < _CONTRADICTION
-    if not noisy or len(points) <= _WIDE:
+    if not noisy or len(points) <= _WIDE or witness.preparation == "sampled":
         return witness
     again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=False)
     if again.agreement < _UNANIMOUS:
@@ -261,6 +276,10 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
 def _signed(axes: Floats, directions: Floats) -> Floats:
     """The axes (N, 3), each turned towards its direction."""
     return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
+
+
+def _summed(areas: Floats, owner: Integers, factor: float) -> Floats:
+    return np.asarray(np.bincount(owner, areas) * factor, dtype=np.float64)
 
 
 def _as_floats(values: Tensor) -> Floats:

@@ -1,0 +1,94 @@
+"""What the global witness of a cloud returns: numbers, without a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.cloud.cut_surface import CutSurface
+from topokit.core.cloud.votes import SampleQuality, Vote
+
+Floats = NDArray[np.float64]
+SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
+Preparation = Literal["whole", "sampled", "averaged"]
+
+
+@dataclass(frozen=True)
+class Signs:
+    """Where the outward directions came from.
+
+    Attributes:
+        source: "given" (as they came), "reversed" (they all pointed inward), "contradictory" (they disagreed, so signs
+            were found), "axes" (given without signs), "none" (no normals were given).
+        confirmed: share of the given normals that the points confirm, or None where signs were not given.
+        coverage: share of the samples on the surface that the found directions imply, or None where none were found.
+    """
+
+    source: SignSource
+    confirmed: float | None
+    coverage: float | None
+
+
+@dataclass(frozen=True)
+class SmoothedLook:
+    """A second look at a noisy cloud whose votes contradict each other, smoothed over wide neighborhoods.
+
+    Attributes:
+        euler: Euler characteristic of the surface that the smoothed points give.
+        agreement: its share of the weight of all votes.
+        n_neighbors: neighbors that each point was smoothed over.
+    """
+
+    euler: int
+    agreement: float
+    n_neighbors: int
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """The global evidence about the closed surface of a cloud.
+
+    Attributes:
+        euler: Euler characteristic of the surface.
+        agreement: share of the weight of all votes that stands behind the heaviest integer.
+        votes: Euler characteristic per setting.
+        quality: how well the samples support the answer.
+        signs: where the outward directions came from.
+        smoothed: the second look, if its integer was taken over, else None.
+        components: parts of the solid.
+        cavities: holes wholly inside the solid; the surface has components + cavities components.
+        normals: (N, 3), unit, outward, for every point given.
+        n_points: points given.
+        n_used: points in the first cut, after downsampling and without points that coincide with others.
+        spacing: typical distance between the used points, in units of length; of a large cloud the median.
+        resolution: size of the smallest feature that the votes can see, in units of length.
+        seconds: time per stage.
+        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
+        preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
+            features are small) or "averaged" (too noisy for that: even samples, each averaged over its neighbors).
+    """
+
+    euler: int
+    agreement: float
+    votes: tuple[Vote, ...]
+    quality: SampleQuality
+    signs: Signs
+    smoothed: SmoothedLook | None
+    components: int
+    cavities: int
+    normals: Floats
+    n_points: int
+    n_used: int
+    spacing: float
+    resolution: float
+    seconds: dict[str, float]
+    surface: CutSurface | None
+    preparation: Preparation = "whole"
+
+    @property
+    def is_downsampled(self) -> bool:
+        """Whether the cloud was too large for all of its points to be in one cut."""
+        return self.preparation != "whole"

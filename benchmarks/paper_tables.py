@@ -60,7 +60,8 @@ def versions() -> str:
     commit = subprocess.run(["git", "-C", ROOT, "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
     threads = f"{torch.get_num_threads()} thread" + "s" * (torch.get_num_threads() > 1)
     machine = f"{platform.machine()}, {os.cpu_count()} cores, {threads}"
-    return f"Commit {commit.stdout.strip() or 'unknown'}; {machine}; Python {platform.python_version()}, {', '.join(shown)}."
+    python = f"Python {platform.python_version()}"
+    return f"Commit {commit.stdout.strip() or 'unknown'}; {machine}; {', '.join((python, *shown))}."
 
 
 def arguments(words: list[str] | None = None) -> argparse.Namespace:

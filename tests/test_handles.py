@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
+from planted_noise import planted
 
 import topokit as tk
-from topokit.testing import genus_mesh, icosphere, torus_mesh
+from topokit.testing import genus_mesh, icosphere, torus_mesh, torus_samples
 from topokit.testing.meshes import Mesh, joined
 
 
@@ -121,3 +124,27 @@ def test_lengths_must_be_positive(below: object) -> None:
 def test_shapes_without_a_mesh_have_no_boundary_to_fill() -> None:
     with pytest.raises(tk.InputError, match="mesh"):
         tk.fill_boundaries(tk.from_points(np.random.default_rng(0).normal(size=(100, 3))))
+
+
+def test_points_and_functions_have_handles_where_they_have_a_surface() -> None:
+    samples = torus_samples(3_000, major=1.0, minor=0.4)
+    ring = tk.from_sdf(lambda p: torch.hypot(p[:, :2].norm(dim=1) - 0.6, p[:, 2]) - 0.25, resolution=128)
+    for shape, minor, hole in ((tk.from_points(samples.points, samples.normals), 0.4, 0.6), (ring, 0.25, 0.35)):
+        [handle] = shape.handles()
+        assert handle.handle_length == pytest.approx(2 * math.pi * minor, rel=0.03)
+        assert handle.tunnel_length == pytest.approx(2 * math.pi * hole, rel=0.03)
+        assert handle.fill().euler_number == 2
+
+
+def test_noise_on_a_real_mesh_is_removed_and_nothing_else(real_data: Path) -> None:
+    vertices, faces = (part.numpy() for part in tk.load(real_data / "meshes" / "paper_Kitten.obj").mesh)
+    noisy = tk.from_mesh(*planted((vertices.astype(float), faces), 10, np.random.default_rng(1)))
+    assert noisy.genus() == 11
+    handles = noisy.handles()
+    sizes = [handle.size for handle in handles]
+    assert sizes == sorted(sizes)
+    assert 10 * sizes[9] < sizes[10]
+    clean = tk.simplify_topology(noisy, below=2 * sizes[9])
+    report = tk.from_mesh(clean).report()
+    assert (report.genus, report.verdict) == (1, "certain")
+    assert np.array_equal(np.asarray(clean.vertices)[: len(vertices)], vertices)

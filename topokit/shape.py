@@ -17,6 +17,7 @@ from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
+from topokit.report.locate import with_location
 from topokit.report.report import TopologyReport, known_genus
 from topokit.report.surface import checked_surface
 from topokit.shape_differentiable import DifferentiableShape
@@ -56,7 +57,7 @@ class Shape(DifferentiableShape):
         """
         return known_genus(self.report())
 
-    def report(self, *, details: bool = False) -> TopologyReport:
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
         A counted answer is reported as it is; samples without one are judged by the global witness.
@@ -64,6 +65,7 @@ class Shape(DifferentiableShape):
         Args:
             details: whether to compute what the integer does not need, too: the curvature estimate χ⁽⁰⁾ of a counted
                 shape, the self-optimized χ⁽ᴷ⁾, and the solid that a mesh encloses by winding number.
+            locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
 
         Raises:
             InputError: if the samples are batched.
@@ -72,6 +74,7 @@ class Shape(DifferentiableShape):
             report = counted_report(self.name, self.notes, self.counted)
         else:
             report = cloud_report(self.name, self.notes, self._only_examination())
+        report = with_location(report, self) if locate else report
         return with_details(report, self) if details else report
 
     def oriented(self) -> Shape:

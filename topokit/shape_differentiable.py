@@ -58,21 +58,22 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Tensor:
         """χ⁽⁰⁾: the Euler characteristic estimated from curvature by Gauss–Bonnet, a differentiable real number.
 
         χ⁽⁰⁾ = (1/2π) Σ K·A, plus the geodesic curvature of the boundary where the samples have one. It asks no witness:
         `report().euler` is the integer, `refined_euler()` the estimate after self-optimization.
 
-        It is the paper's estimate, with PCA normals where the samples have none. It takes 20 neighbors by default also
-        where noise makes `curvature` take more: noise averages out in a sum, and small features do not survive wide
-        neighborhoods.
+        It takes 20 neighbors by default also where noise makes `curvature` take more: noise averages out in a sum, and
+        small features do not survive wide neighborhoods.
 
         Args:
             n_neighbors: number of nearest neighbors; by default the shape's own, or 20 if that is None.
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
+            normal_method: as for `curvature`; "pca" gives the paper's estimate, and that of the report.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from. The term of
@@ -81,7 +82,7 @@ class DifferentiableShape(ShapeData):
         Reference:
             Paper, equation `euler`.
         """
-        local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+        local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution, normal_method))
         return euler_characteristic(local.gaussian, local.area) + self._boundary_euler(local.area)
 
     def refined_euler(
@@ -97,6 +98,7 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Tensor:
         """χ⁽ᴷ⁾: the Gauss–Bonnet estimate after self-optimization of the samples (Algorithm 2).
 
@@ -115,6 +117,7 @@ class DifferentiableShape(ShapeData):
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
+            normal_method: as for `curvature`.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from.
@@ -122,7 +125,7 @@ class DifferentiableShape(ShapeData):
         Reference:
             Paper, Section II-C and Algorithm 2, steps 8 and 9.
         """
-        settings = self._settings(n_neighbors, solver, area_method, area_resolution)
+        settings = self._settings(n_neighbors, solver, area_method, area_resolution, normal_method)
         local = self._curvature(settings)
         boundary = self._boundary_euler(local.area)
         goal = self._target(local.area) if target is None else torch.as_tensor(target).to(local.area)
@@ -166,10 +169,15 @@ class DifferentiableShape(ShapeData):
         return self.field.smoothed_euler(tau)
 
     def _settings(
-        self, n_neighbors: int | None, solver: Solver, area_method: AreaMethod, area_resolution: int
+        self,
+        n_neighbors: int | None,
+        solver: Solver,
+        area_method: AreaMethod,
+        area_resolution: int,
+        normal_method: NormalMethod,
     ) -> CurvatureSettings:
         k = given_or_default(self.n_neighbors if n_neighbors is None else n_neighbors)
-        return CurvatureSettings(k, solver, area_method, area_resolution)
+        return CurvatureSettings(k, solver, area_method, area_resolution, normal_method)
 
     def _curvature(self, settings: CurvatureSettings) -> Curvature:
         """Curvature with the neighbors that the examination has found already, where those are enough."""

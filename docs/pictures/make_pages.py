@@ -61,7 +61,7 @@ def shapes() -> Iterator[tk.Shape]:
 
 def entry(shape: tk.Shape) -> Entry:
     """A shape as a row."""
-    return Entry(shape.name, page_of(shape, shape.report()))
+    return Entry(shape.name, page_of(shape, shape.report(locate=True)))
 
 
 def keep(screenshot: bytes, name: str) -> None:

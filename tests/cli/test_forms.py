@@ -248,7 +248,9 @@ def test_a_table_on_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_commands_of_the_documentation_have_these_options(page: str) -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     text = (DATA.parents[1] / page).read_text(encoding="utf-8")
-    lines = re.findall(r"(?:^|`|\| )topokit ([a-z]+)\b([^`#\n]*)", text, re.MULTILINE)
+    blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
+    lines = re.findall(r"(?:^|\| )topokit ([a-z]+)\b([^#\n]*)", blocks, re.MULTILINE)
+    lines += re.findall(r"`topokit ([a-z]+)\b([^`]*)`", text)
     assert lines
     for name, rest in lines:
         known = {flag for parameter in commands[name].params for flag in (*parameter.opts, *parameter.secondary_opts)}

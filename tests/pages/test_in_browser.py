@@ -35,7 +35,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tk.from_mesh(genus_mesh(12, resolution=12)),
         tk.from_points(sphere_samples(2_000).points),
     )
-    entries = [Entry("torus", page_of(TORUS, TORUS.report()), seconds=2.0)]
+    entries = [Entry("torus", page_of(TORUS, TORUS.report(locate=True)), seconds=2.0)]
     entries += [Entry(f"{i}.obj", page_of(shape, shape.report()), seconds=10.0 * i) for i, shape in enumerate(shapes)]
     entries.append(Entry(HOSTILE, None, error=f"{HOSTILE} is empty"))
     write_html(entries, path)

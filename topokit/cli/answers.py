@@ -33,6 +33,7 @@ def answer_files(
     make_writer: MakeWriter,
     *,
     details: bool = False,
+    locate: bool = False,
     with_report: bool = True,
     output: Path | None = None,
     html: Path | None = None,
@@ -46,12 +47,13 @@ def answer_files(
         request: how to examine them.
         make_writer: the form of the results, for a stream and what was found.
         details: as for `Shape.report`.
+        locate: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
         html: page to write besides.
         check: may turn an answer into a failure.
     """
-    questions = Questions(opener, request.labels, details, with_report, with_page=html is not None)
+    questions = Questions(opener, request.labels, details, locate, with_report, with_page=html is not None)
     has_failed = False
 
     def shown(coming: Iterable[list[Answer]], writer: Writer, bar: Bar, is_terminal: bool) -> Iterator[Answer]:

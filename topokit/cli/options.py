@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PANEL = "Options of formats"
 _TEXTS = {
+    "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
     "level": "Volumes and networks: value on the surface.",
     "label": "Volumes: voxels with this label are the solid.",
     "connectivity": "Volumes: 6 or 26.",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from topokit.export.picture import picture_of
 from topokit.export.scene import Drawable, scene_of
 from topokit.pages.details import details_html
 from topokit.pages.geometry import pack
-from topokit.pages.marks import Locatable, marks_of
+from topokit.pages.marks import marks_of
 from topokit.report.report import TopologyReport
 
 MAX_FACES = 12_000  # triangles of one shape among many: about 100 kB in the page
@@ -64,28 +63,18 @@ class Fragment:
     scene: bytes | None
 
 
-class Showable(Drawable, Locatable, Protocol):
-    """What a page shows: a `topokit.Shape`."""
-
-
 def page_of(
-    shape: Showable,
-    report: TopologyReport,
-    *,
-    locate: bool = True,
-    max_faces: int = MAX_FACES,
-    max_points: int = MAX_POINTS,
+    shape: Drawable, report: TopologyReport, *, max_faces: int = MAX_FACES, max_points: int = MAX_POINTS
 ) -> Fragment:
     """The part of a page that shows one shape.
 
     Args:
         shape: a `topokit.Shape`.
-        report: its report.
-        locate: whether to draw and list handles, tunnels, boundaries and defects, which takes longer.
+        report: its report; what `report(locate=True)` has located is drawn and listed.
         max_faces: a surface with more triangles is simplified for the view, which the page says.
         max_points: of more points, these many are shown.
     """
-    marks = marks_of(shape) if locate else ()
+    marks = marks_of(report.location)
     scene, problem = None, None
     try:
         scene = scene_of(shape, marks, max_faces=max_faces, max_points=max_points)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol, TypeVar
+from collections.abc import Sequence
+from typing import Protocol
 
-from topokit.errors import InputError, MissingDependencyError
 from topokit.export.colors import Floats
 from topokit.export.scene import Mark
 
 MOST_MARKS = 300  # of each kind, in the order of the report; a scan can have thousands
 _MOST_POINTS = 400  # dots of one defect
-
-Found = TypeVar("Found")
 
 
 class LocatedHandle(Protocol):
@@ -45,56 +42,30 @@ class LocatedDefect(Protocol):
     def points(self) -> Floats: ...
 
 
-class Locatable(Protocol):
-    """What can tell where things are: a `topokit.Shape`."""
+class Located(Protocol):
+    """What a report has located."""
 
+    @property
     def handles(self) -> Sequence[LocatedHandle]: ...
 
+    @property
     def boundaries(self) -> Sequence[LocatedBoundary]: ...
 
-    def defects(self, *, self_intersections: bool = True) -> Sequence[LocatedDefect]: ...
+    @property
+    def defects(self) -> Sequence[LocatedDefect]: ...
 
 
-def marks_of(shape: Locatable) -> tuple[Mark, ...]:
-    """Handles, tunnels, boundaries and defects of a shape in the order of the table, as far as it has any.
-
-    A shape without a closed surface has no handles that can be located, and one without a mesh no defects.
-    """
-    return (
-        *_handle_marks(_or_none(shape.handles)),
-        *_boundary_marks(_or_none(shape.boundaries)),
-        *_defect_marks(_or_none(lambda: _defects(shape))),
-    )
-
-
-def _or_none(question: Callable[[], Sequence[Found]]) -> Sequence[Found]:
-    """The answer, cut off at the most that is shown; nothing where the question has no meaning for the shape."""
-    try:
-        return question()[:MOST_MARKS]
-    except InputError:
+def marks_of(located: Located | None) -> tuple[Mark, ...]:
+    """Handles, tunnels, boundaries and defects in the order of the table; none for None."""
+    if located is None:
         return ()
-
-
-def _defects(shape: Locatable) -> Sequence[LocatedDefect]:
-    """All defects; without libigl those that need no search for self-intersections."""
-    try:
-        return shape.defects()
-    except MissingDependencyError:
-        return shape.defects(self_intersections=False)
-
-
-def _handle_marks(handles: Sequence[LocatedHandle]) -> Iterator[Mark]:
-    for number, handle in enumerate(handles, start=1):
-        yield Mark("handle", f"handle {number}: handle loop", handle.handle_loop, "loop")
-        yield Mark("tunnel", f"handle {number}: tunnel loop", handle.tunnel_loop, "loop")
-
-
-def _boundary_marks(boundaries: Sequence[LocatedBoundary]) -> Iterator[Mark]:
-    for number, boundary in enumerate(boundaries, start=1):
-        yield Mark("boundary", f"boundary {number}", boundary.points, "loop" if boundary.closed else "curve")
-
-
-def _defect_marks(defects: Sequence[LocatedDefect]) -> Iterator[Mark]:
-    for defect in defects:
+    marks: list[Mark] = []
+    for number, handle in enumerate(located.handles[:MOST_MARKS], start=1):
+        marks.append(Mark("handle", f"handle {number}: handle loop", handle.handle_loop, "loop"))
+        marks.append(Mark("tunnel", f"handle {number}: tunnel loop", handle.tunnel_loop, "loop"))
+    for number, boundary in enumerate(located.boundaries[:MOST_MARKS], start=1):
+        marks.append(Mark("boundary", f"boundary {number}", boundary.points, "loop" if boundary.closed else "curve"))
+    for defect in located.defects[:MOST_MARKS]:
         step = -(-len(defect.points) // _MOST_POINTS)
-        yield Mark("defect", defect.kind, defect.points[::step], "dots")
+        marks.append(Mark("defect", defect.kind, defect.points[::step], "dots"))
+    return tuple(marks)

@@ -15,10 +15,10 @@ from PIL import Image
 
 from topokit.errors import TopokitError
 from topokit.export.picture import EYE, Eye, picture_of
-from topokit.export.scene import scene_of
+from topokit.export.scene import Drawable, scene_of
 from topokit.pages.details import environment
 from topokit.pages.document import Entry, page_text, write_html
-from topokit.pages.fragment import MAX_FACES, MAX_POINTS, Showable, page_of, webp
+from topokit.pages.fragment import MAX_FACES, MAX_POINTS, page_of, webp
 from topokit.pages.marks import marks_of
 from topokit.report.html import report_html, report_styles
 from topokit.report.report import TopologyReport
@@ -30,12 +30,12 @@ _NOTEBOOK_SIDE = 360  # pixels of the picture, which is shown at half of that
 _NOTEBOOK_HEIGHT = 560
 
 
-class Reportable(Showable, Protocol):
+class Reportable(Drawable, Protocol):
     """What is shown: a `topokit.Shape`."""
 
     notes: tuple[str, ...]
 
-    def report(self, *, details: bool = False) -> TopologyReport: ...
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport: ...
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class View:
 
 def picture(shape: Reportable, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
     """A square picture of a shape, colored by Gaussian curvature; see `topokit.Shape.picture`."""
-    marks = marks_of(shape) if locate else ()
+    marks = marks_of(shape.report(locate=True).location) if locate else ()
     scene = scene_of(shape, marks, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Image.fromarray(picture_of(scene, side, eye))
 
@@ -105,7 +105,7 @@ def shape_html(shape: Reportable, known: TopologyReport | None, *, draw: bool) -
 
 
 def _entry(shape: Reportable) -> Entry:
-    fragment = page_of(shape, shape.report(), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
+    fragment = page_of(shape, shape.report(locate=True), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Entry(shape.name, fragment)
 
 

@@ -22,7 +22,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import check_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
-from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet
+from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, wire_checks
 from topokit.report.wording import plural, position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
@@ -37,7 +37,8 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         found: the measurements.
     """
     witness = found.witness
-    if found.part.boundary.curves:
+    is_wire = witness is not None and witness.wire is not None
+    if found.part.boundary.curves and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
@@ -57,7 +58,8 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    checks = cloud_checks(witness, found.part.boundary)
+    wire = witness.wire
+    checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
@@ -158,6 +160,9 @@ def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
         most = max(values, key=lambda value: (values.count(value), -abs(value)))
         seconds = witness.seconds["votes"] * len(values) / n_values
         rows.append(Evidence(name, sum(values) / len(values), most, seconds))
+    wire = witness.wire
+    if wire is not None:
+        rows.append(Evidence("union of balls", float(wire.euler), wire.euler, wire.seconds))
     return tuple(rows)
 
 

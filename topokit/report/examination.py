@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.core.cloud.dense import BOUNDARY_POINTS
 from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
@@ -18,8 +19,6 @@ from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.report.verdict import is_open_sheet
-
-_MOST_POINTS = 50_000  # points for the curvature and boundary of a report; `Shape.curvature` uses all
 
 
 class Examination:
@@ -48,9 +47,9 @@ class Examination:
     def part(self) -> Examination:
         """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
         samples = self.samples
-        if samples.n_points <= _MOST_POINTS:
+        if samples.n_points <= BOUNDARY_POINTS:
             return self
-        rows = thin_along_curve(samples.points.cpu().double().numpy(), _MOST_POINTS)
+        rows = thin_along_curve(samples.points.cpu().double().numpy(), BOUNDARY_POINTS)
         index = torch.from_numpy(rows).to(samples.points.device)
         part = samples.at(index)
         if part.areas is not None:

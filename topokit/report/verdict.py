@@ -9,6 +9,7 @@ from typing import Literal
 
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import Family, values_of
+from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
 
 Verdict = Literal["certain", "likely", "unsure"]
@@ -35,11 +36,21 @@ _ONE_DRAW = (
     "set so that at least 95 % of the likely answers are right on one draw (seed 0) of 10 000 points from each of 47 "
     "clean meshes, oriented, unoriented and noisy; checked on a second draw (docs/accuracy.md)"
 )
+_TUBES = (
+    "67 tubes along random graphs, knots, polyhedra, helices and chained rings, radius 0.3 to 1.6 spacings, "
+    "1 500 to 4 000 points"
+)
 _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and without holes, 1 000 to 10 000 points"
 
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
+        "sampled_cuts": Threshold(
+            0.9,
+            "share of counts",
+            "Delaunay cuts of samples of a large cloud that give the integer, at least",
+            "200 000 random points of 47 clean meshes: at 0.7 a thin double wall is likely and wrong",
+        ),
         "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
         "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
         "crowded": Threshold(
@@ -68,6 +79,27 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         ),
         "open_crowded": Threshold(
             0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW
+        ),
+        "wire_share": Threshold(
+            0.4, "share of weight", "radii of the union of balls that give the integer of a wire, at least", _TUBES
+        ),
+        "wire_contrast": Threshold(
+            6,
+            "ratio",
+            "weight of a wire's integer over that of the next, at least, where no Delaunay cut gives it",
+            _TUBES,
+        ),
+        "wire_contrast_supported": Threshold(
+            3,
+            "ratio",
+            "weight of a wire's integer over that of the next, at least, where a Delaunay cut gives it",
+            _TUBES,
+        ),
+        "wire_range": Threshold(
+            2, "ratio of radii", "range of radii over which the wire's integer stands, at least", _TUBES
+        ),
+        "wire_narrowness": Threshold(
+            0.25, "ratio of variances", "median second over first variance of 100 neighbors of a wire, at most", _TUBES
         ),
         "overlap": Threshold(
             0.04,
@@ -127,8 +159,9 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
     """The conditions under which the integer of a closed cloud is likely."""
     euler, quality = witness.euler, witness.quality
     cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut", "coarse cut")]
+    enough = THRESHOLDS["sampled_cuts" if witness.preparation == "sampled" else "cuts"].value
     checks = [
-        _at_least("cuts", sum(cuts) / len(cuts)),
+        Check("cuts", sum(cuts) / len(cuts), sum(cuts) / len(cuts) >= enough),
         *_second_opinions(witness),
         _at_least("agreement", witness.agreement),
         _at_most("crowded", quality.crowded),
@@ -162,6 +195,17 @@ def _second_opinions(witness: Witness) -> tuple[Check, ...]:
     return tuple(checks)
 
 
+def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
+    """The conditions under which the integer of a cloud that is read as a thickened graph is likely."""
+    is_supported = witness.euler in values_of(witness.votes, "cut", "smooth cut")
+    return (
+        _at_least("wire_range", wire.largest / wire.smallest),
+        _at_least("wire_share", wire.share),
+        _at_least("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
+        _at_most("wire_narrowness", wire.narrowness),
+    )
+
+
 def has_genus(witness: Witness) -> bool:
     """Whether the integer fits the number of surfaces, of which there must be one: a genus cannot be negative."""
     n_surfaces = witness.components + witness.cavities
@@ -175,7 +219,7 @@ def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
     """
     if witness is None:
         return True
-    is_crowded = witness.quality.crowded > THRESHOLDS["open_crowded"].value
+    is_crowded = witness.quality.crowded_boundary > THRESHOLDS["open_crowded"].value
     return not is_crowded and boundary.length > THRESHOLDS["open_length"].value * boundary.spacing
 
 

@@ -15,6 +15,8 @@ Frame = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Vertices (V, 3) and edges (E, 2) of a polyhedron."""
 
 _MARGIN = 3  # cells around the tubes
+_BLEND = 8  # power of the smooth minimum that rounds off where tubes meet; in a sharp crease marching cubes errs
+_NEAREST = 0.1  # radii below which a distance no longer matters
 
 
 def triakis_tetrahedron() -> Frame:
@@ -38,7 +40,7 @@ def deltoidal_icositetrahedron() -> Frame:
     return vertices, np.argwhere(np.triu(distance < 0.8, 1))  # the edges are 0.77 and 0.59 long; then come 0.90 and 1
 
 
-def edge_tubes(frame: Frame, radius: float = 0.07, resolution: int = 128) -> Mesh:
+def edge_tubes(frame: Frame, radius: float = 0.06, resolution: int = 96) -> Mesh:
     """Round tubes along the edges of a polyhedron, joined at its vertices: χ = 2 (V − E) as a surface.
 
     Args:
@@ -58,15 +60,18 @@ def edge_tubes(frame: Frame, radius: float = 0.07, resolution: int = 128) -> Mes
     step = float((high - low).max()) / resolution
     if thickness < 2 * step:
         raise InputError(f"tubes of {thickness / step:.1f} cells are too thin: use a larger radius or resolution.")
-    low = low - (_MARGIN + 0.37) * step  # off the symmetry planes, where distances tie
+    low = low - _MARGIN * step
     axes = [np.arange(a, b + (_MARGIN + 1) * step, step) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    distance = np.full(points.shape[:3], np.inf)
+    nearness = np.zeros(points.shape[:3])
     for a, d in zip(start, way, strict=True):
         offset = points - a
         along = np.clip(offset @ d / (d @ d), 0, 1)
-        np.minimum(distance, np.linalg.norm(offset - along[..., None] * d, axis=-1), out=distance)
-    found, faces, _, _ = marching_cubes(distance, thickness, spacing=(step,) * 3, gradient_direction="descent")
+        away = np.linalg.norm(offset - along[..., None] * d, axis=-1) / thickness
+        nearness += np.maximum(away, _NEAREST) ** -_BLEND  # a smooth minimum of the distances to the edges
+    found, faces, _, _ = marching_cubes(
+        nearness ** (-1 / _BLEND), 1.0, spacing=(step,) * 3, gradient_direction="descent"
+    )
     return found.astype(np.float64) + low, faces.astype(np.int64)
 
 

@@ -255,6 +255,7 @@ def a_witness(*, votes: dict[str, int] | None = None, components: int = 1, **qua
     settings = (("cut", CUT_SETTINGS, 2), ("smooth cut", SMOOTH_SETTINGS, 2), ("field", FIELD_SETTINGS, 1))
     rows = tuple(Vote(name, k, (values[name],) * n) for name, all_, n in settings for k in range(len(all_)))
     good = {"coverage": 1.0, "disagreement": 0.0, "roughness": 0.1, "crowded": 0.0, "crowded_wide": 0.0}
+    good["crowded_boundary"] = 0.0
     signs = Signs("given", quality.pop("confirmed", 1.0), None)
     agreement = quality.pop("agreement", 1.0)
     nothing = np.zeros((0, 3), dtype=np.int64)

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from planted_noise import planted
@@ -58,7 +58,7 @@ def test_all_handles_can_be_cut_or_filled_until_a_sphere_is_left(genus: int, kin
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_any_random_solid_becomes_spheres(seed: int) -> None:
     from skimage.measure import marching_cubes
 
@@ -77,7 +77,7 @@ def test_any_random_solid_becomes_spheres(seed: int) -> None:
     mesh = vertices.astype(np.float64), faces.astype(np.int64)
     topology = mesh_topology(*mesh)
     if not topology.is_closed:
-        return  # marching cubes pinched an edge
+        reject()  # marching cubes pinched an edge
     for kind in ("inside", "outside"):
         after = mesh_topology(*without_all(mesh, kind))
         assert after.euler == 2 * len(after.components) == 2 * len(topology.components)
@@ -130,6 +130,16 @@ def test_what_cannot_be_filled_or_cut_is_refused() -> None:
     torus = torus_mesh(12, 8)
     with pytest.raises(InputError, match="Subdivide"):
         without_loops(*torus, [np.concatenate((np.arange(8), np.arange(8)))])
+
+
+def test_triangles_without_area_do_no_harm() -> None:
+    vertices, faces = genus_mesh(2, 14)
+    before = [handle.size for handle in find_handles(vertices, mesh_topology(vertices, faces))]
+    for a, b, _ in np.random.default_rng(0).choice(faces, 60, replace=False):
+        vertices[b] = vertices[a]
+    found = find_handles(vertices, mesh_topology(vertices, faces))
+    assert np.allclose([handle.size for handle in found], before, rtol=0.05)
+    assert mesh_topology(*simplified(vertices, faces, 100.0)).euler == 2
 
 
 def test_a_surface_through_itself_has_no_inside() -> None:

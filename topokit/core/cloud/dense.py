@@ -27,6 +27,9 @@ MOST_POINTS = 30_000
 SAMPLES = 20_000
 """Larger clouds are looked at through about so many samples, and for comparison through half as many."""
 
+BOUNDARY_POINTS = 50_000
+"""Boundaries are looked for, and curvature is summed, on at most so many points, evenly many along a curve."""
+
 MOST_DENSE = 2_000_000
 """Of more points, evenly many along a curve are measured."""
 
@@ -75,26 +78,35 @@ class DenseCloud:
         kept, owner = representatives(self.points, self._hierarchy.cells(budget))
         return Samples(kept, owner, np.bincount(owner, self.surface.areas).astype(np.float64))
 
-    def crowded_shares(self, samples: Samples, normals: Floats, reach: tuple[float, ...]) -> tuple[float, ...]:
+    def disagreement(self, normals: Floats) -> float:
+        """Share of neighbor pairs whose normals (N, 3) oppose each other."""
+        opposed = [np.einsum("na,na->n", normals, normals[column]) < 0 for column in self.surface.neighbors.T]
+        return float(np.mean([column.mean() for column in opposed]))
+
+    def crowded_shares(
+        self, samples: Samples, normals: Floats, reach: tuple[float, ...], most_samples: int = SAMPLES
+    ) -> tuple[float, ...]:
         """Shares of the area with an opposite sheet nearer than some multiples of the spacing of all points.
 
         Args:
             samples: at which it is measured.
             normals: (N, 3), of all points.
             reach: distances of the opposite sheet, in local spacings; sideways it is less than one spacing away.
+            most_samples: largest number of samples to measure at.
         """
-        centers = self.points[samples.kept]
+        chosen = slice(None, None, -(-len(samples.kept) // most_samples))
+        kept, areas = samples.kept[chosen], samples.areas[chosen]
+        centers = self.points[kept]
         n_neighbors = int(np.ceil(np.pi * max(reach) ** 2)) * 2
         index = self.surface.tree.query(centers, min(n_neighbors, len(self.points)))[1]
-        spacing = np.sqrt(self.surface.areas[samples.kept])[:, None]
-        own = normals[samples.kept]
+        spacing = np.sqrt(self.surface.areas[kept])[:, None]
+        own = normals[kept]
         way = self.points[index] - centers[:, None]
         height = np.einsum("nka,na->nk", way, own)
         sideways = np.einsum("nka,nka->nk", way, way) - height**2
         opposite = (np.einsum("nka,na->nk", normals[index], own) < -0.5) & (sideways < spacing**2)
-        total = samples.areas.sum()
         near = [(opposite & (np.abs(height) < one * spacing)).any(1) for one in reach]
-        return tuple(float(samples.areas[one].sum() / total) for one in near)
+        return tuple(float(areas[one].sum() / areas.sum()) for one in near)
 
 
 def dense_cloud(points: Floats, surface: SurfaceAxes) -> DenseCloud:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from topokit.core.cloud.cut_surface import CutSurface
 from topokit.core.cloud.votes import SampleQuality, Vote
+from topokit.core.cloud.wires import WireReading
 
 Floats = NDArray[np.float64]
 SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
@@ -69,6 +70,8 @@ class Witness:
         surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
         preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
             features are small) or "averaged" (too noisy for that: even samples, each averaged over its neighbors).
+        wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
+            everywhere, else None.
     """
 
     euler: int
@@ -87,6 +90,7 @@ class Witness:
     seconds: dict[str, float]
     surface: CutSurface | None
     preparation: Preparation = "whole"
+    wire: WireReading | None = None
 
     @property
     def is_downsampled(self) -> bool:

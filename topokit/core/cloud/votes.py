@@ -26,7 +26,7 @@ from topokit.core.cloud.delaunay_cut import (
     delaunay_complex,
     solid_eulers,
 )
-from topokit.core.cloud.dense import DenseCloud, Samples
+from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_geometry
 from topokit.core.grid.euler import surface_euler
@@ -50,6 +50,7 @@ WEIGHTS: dict[Family, tuple[float, ...]] = {
 """Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
 
 _FINEST = 0.1  # share of the samples whose spacing may be finer than a grid's cells
+_PROBES = 2000  # samples at which sheets are looked for that are far apart in spacings
 _MOST_IN_FIELD = 200_000  # points of a large cloud that its fields are made from
 
 CROWDED_REACH = (1.5, 2.5)
@@ -89,6 +90,9 @@ class SampleQuality:
         roughness: median distance of neighbors from the local plane, in sample spacings.
         crowded: share of samples with an opposite sheet within 1.5 sample spacings.
         crowded_wide: the same within 2.5 sample spacings.
+        crowded_boundary: the same within 1.5 spacings of the points on which boundaries are looked for.
+
+    Of a large cloud these are measured on all points, as shares of the area.
     """
 
     coverage: float
@@ -96,6 +100,7 @@ class SampleQuality:
     roughness: float
     crowded: float
     crowded_wide: float
+    crowded_boundary: float
 
 
 def gather_votes(
@@ -122,7 +127,7 @@ def gather_votes(
         votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(others)]
         votes += [*smooth.result(), *(field.result() for field in fields)]
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
-    quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide)
+    quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide, near)
     return tuple(votes), quality, first
 
 
@@ -158,9 +163,15 @@ def gather_dense_votes(
         first, others = cuts[0].result(), [cut.result() for cut in cuts]
         votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(others)]
         votes += [*coarse.result(), *(field.result() for field in fields)]
+    return tuple(votes), _dense_quality(cloud, normals, samples, first), first
+
+
+def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, cut: Cut) -> SampleQuality:
     near, wide = cloud.crowded_shares(samples, normals, CROWDED_REACH)
-    quality = SampleQuality(first.coverage, disagreement(chosen, local.index), cloud.surface.roughness, near, wide)
-    return tuple(votes), quality, first
+    coarser = CROWDED_REACH[0] * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
+    (boundary,) = cloud.crowded_shares(samples, normals, (coarser,), most_samples=_PROBES)
+    opposed = cloud.disagreement(normals)
+    return SampleQuality(cut.coverage, opposed, cloud.surface.roughness, near, wide, boundary)
 
 
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:

@@ -123,7 +123,7 @@ def edge_graph(vertices: Floats, faces: Integers, mesh: MeshConnectivity | None 
     return EdgeGraph(faces, len(vertices), tails, heads, left // 3, right // 3, np.maximum(lengths, floor))
 
 
-def cycle_basis(graph: EdgeGraph) -> CycleBasis:
+def cycle_basis(graph: EdgeGraph, root: int = 0) -> CycleBasis:
     """Cut a surface open along a tree of shortest paths and a dual tree of the faces.
 
     Of the edges outside the first tree the dual one prefers those that close long loops, so that the edges left over
@@ -131,12 +131,13 @@ def cycle_basis(graph: EdgeGraph) -> CycleBasis:
 
     Args:
         graph: of a connected, closed and oriented mesh in which every vertex is used.
+        root: vertex at the root of the first tree.
 
     Reference:
         Eppstein, Dynamic generators of topologically embedded graphs, SODA 2003; Erickson and Whittlesey, Greedy
         optimal homotopy and homology generators, SODA 2005.
     """
-    distances, parents, _ = shortest_paths(graph.matrix, graph.faces[:1, 0])
+    distances, parents, _ = shortest_paths(graph.matrix, np.array([root]))
     is_tree = (parents[graph.heads] == graph.tails) | (parents[graph.tails] == graph.heads)
     outside = np.flatnonzero(~is_tree)
     loop_lengths = (distances[graph.tails] + graph.lengths + distances[graph.heads])[outside]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from topokit.core.handles.cycle_basis import CycleBasis, cycle_basis, edge_graph
-from topokit.core.handles.linking import outside_projector
+from topokit.core.handles.cycle_basis import CycleBasis, edge_graph
+from topokit.core.handles.linking import decided_basis
 from topokit.core.handles.short_loops import SurfaceLoop, short_loops
 from topokit.core.handles.straightening import straightened
 from topokit.core.mesh.topology import MeshTopology
@@ -80,13 +80,13 @@ def _size(handle: FoundHandle) -> float:
 
 def _handles_of(vertices: Floats, faces: Integers, names: Integers, component: int) -> list[FoundHandle]:
     """The handles of one component whose vertices have other names in the whole mesh."""
-    basis = cycle_basis(edge_graph(vertices, faces))
-    projector = outside_projector(vertices, basis)
-    if projector is None:
+    decided = decided_basis(vertices, edge_graph(vertices, faces))
+    if decided is None:
         raise InputError(
             f"component {component} of the surface intersects itself, so that its inside and outside are not defined "
             "and its handles cannot be told from its tunnels: remove the self-intersections first."
         )
+    basis, projector = decided
     inside, outside = short_loops(basis, projector)
     corners = straightened(vertices, faces, [loop.vertices for loop in (*inside, *outside)])
     loops = [

@@ -10,14 +10,32 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial.transform import Rotation
 
-from topokit.core.handles.cycle_basis import CycleBasis, EdgeGraph
+from topokit.core.handles.cycle_basis import CycleBasis, EdgeGraph, cycle_basis
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
 
 _PAIRS = 1 << 21  # candidate pairs of segments held at once
-_DIRECTIONS = 3  # projections tried before a surface is taken to intersect itself
+_TREES = 4  # trees whose loops are tried before a surface is taken to intersect itself
+
+
+def decided_basis(vertices: Floats, graph: EdgeGraph) -> tuple[CycleBasis, Integers] | None:
+    """A basis of loops and the matrix that tells on which side each class bounds; None if that is not defined.
+
+    It is not defined where a surface passes through itself. If it does so in few places only, most loops keep clear of
+    them, so loops of several trees are tried.
+
+    Args:
+        vertices: (V, 3).
+        graph: of a connected closed surface; the inside is where its normals do not point.
+    """
+    for root in np.linspace(0, len(vertices), _TREES, endpoint=False).astype(np.int64):
+        basis = cycle_basis(graph, int(root))
+        projector = outside_projector(vertices, basis)
+        if projector is not None:
+            return basis, projector
+    return None
 
 
 def outside_projector(vertices: Floats, basis: CycleBasis) -> Integers | None:
@@ -34,17 +52,15 @@ def outside_projector(vertices: Floats, basis: CycleBasis) -> Integers | None:
         basis: of a closed surface; the inside is where its normals do not point.
 
     Returns:
-        (2g, 2g), or None if there is no such matrix because the surface intersects itself.
+        (2g, 2g), or None if there is no such matrix because the loops meet places where the surface intersects itself.
 
     Reference:
         Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (linking numbers tell the kinds of loops apart).
     """
-    for rotation in Rotation.random(_DIRECTIONS, np.random.default_rng(0)):
-        crossed = crossing_numbers(rotation.apply(vertices), basis)
-        linking = (basis.loops @ crossed @ basis.crossings).toarray()
-        if is_projector(linking):
-            return linking
-    return None
+    view = Rotation.random(None, np.random.default_rng(0))  # linking numbers are the same in every view
+    crossed = crossing_numbers(view.apply(vertices), basis)
+    linking = (basis.loops @ crossed @ basis.crossings).toarray()
+    return linking if is_projector(linking) else None
 
 
 def is_projector(matrix: Integers) -> bool:

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from topokit.core.handles.find import FoundHandle, FoundLoop, find_handles
 from topokit.core.handles.surgery import Arrays, cut_and_capped, filled
+from topokit.core.labels import count_distinct
+from topokit.core.mesh.connectivity import mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.errors import InputError
 
@@ -51,10 +53,14 @@ def without_boundary(vertices: Floats, topology: MeshTopology) -> Arrays:
         fault = "edges with three faces or more" if topology.nonmanifold_edges else "no consistent orientation"
         raise InputError(f"the mesh has {fault}, so its boundary cannot be filled: repair it first.")
     points, triangles = filled(vertices, topology.faces)
-    n_split = len(points) - len(vertices)
+    n_doubled = int(mesh_connectivity(topology.faces).fans.max()) + 1 - count_distinct(topology.faces.ravel())
+    euler = topology.euler + n_doubled + topology.boundary_loops
     after = mesh_topology(points, triangles)
-    if not after.is_closed or after.flipped_faces or n_split < 0:
-        raise InputError("the mesh is not a closed manifold after its boundary was filled: repair it first.")
+    if not after.is_closed or after.flipped_faces or after.euler != euler:
+        raise InputError(
+            f"the mesh cannot be closed by filling its boundary: χ = {euler} was expected, and the result counts to "
+            f"{after.euler}. Repair it first."
+        )
     return points, triangles
 
 

@@ -16,6 +16,9 @@ Booleans = NDArray[np.bool_]
 
 _WHOLE = 50_000  # faces up to which the whole surface is taken instead of strips
 _FIRST_RINGS = 8  # of faces around a loop in the first strip; doubled while the loop leans on the strip's border
+_MOST_STEPS = 1_000_000  # of shortening at a corner; a loop of 1000 edges that slides over 500 rows takes half as many
+_FLAT = 1e-10  # area over the square of the longest or the usual edge, up to which a triangle counts as having none
+_NUDGE = 1e-6  # of the usual edge, by which its corners move
 
 
 def straightened(vertices: Floats, faces: Integers, loops: list[Integers]) -> list[Floats]:
@@ -42,11 +45,26 @@ def straightened(vertices: Floats, faces: Integers, loops: list[Integers]) -> li
 def _solver(vertices: Floats, faces: Integers) -> Any:
     import potpourri3d
 
-    return potpourri3d.EdgeFlipGeodesicSolver(vertices, faces)
+    return potpourri3d.EdgeFlipGeodesicSolver(_with_area(vertices, faces), faces)
 
 
 def _geodesic(solver: Any, loop: Integers) -> Floats:
-    return np.asarray(solver.find_geodesic_loop(loop.tolist()))[:-1]
+    return np.asarray(solver.find_geodesic_loop(loop.tolist(), max_iterations=_MOST_STEPS))[:-1]
+
+
+def _with_area(vertices: Floats, faces: Integers) -> Floats:
+    """Vertices of which those of faces without area are moved by next to nothing: flips need triangles."""
+    corners = vertices[faces]
+    sides = np.roll(corners, -1, axis=1) - corners
+    lengths = np.linalg.norm(sides, axis=2)
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    usual = float(np.median(lengths))
+    is_flat = areas <= _FLAT * np.maximum(lengths.max(axis=1), usual) ** 2
+    if not is_flat.any():
+        return vertices
+    moved, chosen = vertices.copy(), np.unique(faces[is_flat])
+    moved[chosen] += _NUDGE * usual * np.random.default_rng(0).uniform(-1, 1, size=(len(chosen), 3))
+    return moved
 
 
 def _on_strip(vertices: Floats, faces: Integers, loop: Integers) -> Floats:

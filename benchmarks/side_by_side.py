@@ -156,8 +156,9 @@ def text(rows: list[dict[str, Any]]) -> str:
         "# Side by side",
         "",
         f"Written by `python benchmarks/side_by_side.py DATA`: what six tools tell about the same {len(rows)} files,",
-        "evenly spaced in a collection of real shapes. The second column is the known χ of the surface. A number at",
-        "the start of an answer is its χ; **bold** means that it differs from the known one. Every tool runs with its defaults.",
+        "evenly spaced in a collection of real shapes. The second column is the known χ of the surface.",
+        "A number at the start of an answer is its χ; **bold** means that it differs from the known one.",
+        "Every tool runs with its defaults.",
         "",
         f"| file | χ | {' | '.join(TOOLS)} |",
         f"|---|---|{'---|' * len(TOOLS)}",
@@ -178,7 +179,8 @@ def cell(answer: str, truth: int | None) -> str:
 NOTES = """\
 - **trimesh** merges equal vertices on loading, which some files need and which breaks others, and keeps vertices apart
   whose texture coordinates or normals differ. GUDHI and admesh are given its meshes.
-- **MeshLab** has a genus for two-manifold meshes only; χ is computed here from its numbers of vertices, edges and faces.
+- **MeshLab** has a genus for two-manifold meshes only; χ is computed here from its counts of vertices, edges and
+  faces.
 - **admesh** connects and repairs STL files. It tells how many facets lack a neighbor, not χ or genus.
 - **Open3D** has χ of a mesh as it stands. For points the table shows what its normals and its Poisson surface give.
 - **GUDHI** has Betti numbers of whatever complex it is given; for points it returns persistence bars, and the choice

@@ -183,8 +183,9 @@ def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceCompo
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
     if len(witness.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu().double().numpy()
-    topology = mesh_topology(vertices, witness.faces)
+    used, corners = np.unique(witness.faces, return_inverse=True)
+    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(used)].double().numpy()
+    topology = mesh_topology(vertices, corners.reshape(witness.faces.shape))
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()

@@ -189,7 +189,7 @@ def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceCompo
     surface = witness.surface
     if surface is None or len(surface.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu().double().numpy()[surface.points]
+    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
     topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities

@@ -74,6 +74,8 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--thingi10k", type=Path, help="folder with meshes NUMBER.stl or NUMBER.obj of Thingi10K")
     parser.add_argument("--json", type=Path, help="also write the tables to this file")
     parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "pictures", help="folder for figures")
+    parser.add_argument("--every", type=int, default=1, help="topology: every n-th of the clean meshes of DATA")
+    parser.add_argument("--only-rows", action="store_true", help="topology: the paper's rows alone")
     return parser.parse_args(words)
 
 
@@ -85,7 +87,8 @@ def main(words: list[str] | None = None) -> int:
             print(f"{folder} is not a folder.", file=sys.stderr)
             return 2
     seeds = 1 if given.quick else given.seeds
-    options = Options(seeds, given.quick, given.data, given.thingi10k, given.pictures)
+    folders = (given.data, given.thingi10k, given.pictures)
+    options = Options(seeds, given.quick, *folders, given.every, given.only_rows)
     module = importlib.import_module(f"benchmarks.paper.{SUBCOMMANDS[given.subcommand]}")
     found, seconds = timed(lambda: module.tables(options))
     print("\n".join(table.markdown() for table in found))

@@ -71,8 +71,9 @@ def corrected_curvature(
     parts = []
     for rows in torch.arange(len(points)).split(max(1, _PAIRS // (3 * n_triangles) // 4)):
         index = neighbors[rows]
-        pick = torch.rand(len(rows), n_triangles, index.shape[1], generator=generator).topk(3, dim=-1).indices
-        corners = index[:, None].expand(-1, n_triangles, -1).gather(2, pick)  # (m, T, 3)
+        size = (len(rows), 3 * n_triangles)  # a corner drawn twice makes a triangle without area, which is left out
+        pick = torch.randint(index.shape[1], size, generator=generator)
+        corners = index.gather(1, pick).reshape(len(rows), n_triangles, 3)
         parts.append(_measures(points[corners], normals[corners]))
     area, mean, gaussian = (torch.cat(column) for column in zip(*parts, strict=True))
     area = area.where(area > 0, torch.inf)

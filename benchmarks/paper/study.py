@@ -40,32 +40,35 @@ def draws(shape: str, n: int, share: float, seeds: int) -> list[tuple[AnalyticSa
     return [(one, noisy(one, share, seed)) for seed, one in enumerate(known)]
 
 
-def with_normals(known: AnalyticSamples, points: Tensor, kind: str, k: int | None) -> Errors:
-    """Errors with one kind of normals; k None is the automatic choice."""
-    given = known.normals if kind == "given" else None
-    shape = tk.from_points(points, given)
-    if kind == "witness":
-        shape = shape.oriented()
-    if kind == "regularized":
-        shape = shape.regularized()
+def shape_with(known: AnalyticSamples, points: Tensor, kind: str) -> tk.Shape:
+    """The cloud with one kind of normals: given, of the witness, regularized, or none ("PCA" and "quadric")."""
+    if kind in ("witness", "regularized"):
+        oriented = tk.from_points(points).oriented()
+        return oriented.regularized() if kind == "regularized" else oriented
+    return tk.from_points(points, known.normals if kind == "given" else None)
+
+
+def measured(known: AnalyticSamples, shape: tk.Shape, kind: str, k: int | None) -> Errors:
+    """Errors of a shape with k neighbors; None is the automatic choice."""
     local = shape.curvature(k, normal_method="pca" if kind == "PCA" else "quadric")
-    truth = known
-    return errors(truth, local.gaussian, local.mean, local.normals)
+    return errors(known, local.gaussian, local.mean, local.normals)
 
 
-def normals_table(options: Options, kinds: tuple[str, ...], seeds: int) -> Table:
+def normals_table(options: Options, surfaces: tuple[str, ...], kinds: tuple[str, ...], seeds: int) -> Table:
     """Errors of K and H for kinds of normals, noise and k."""
     n = 2_000 if options.quick else 10_000
     table = Table(
-        f"Median error of K / H in %, by kind of normals: {n} points, {seeds} seeds",
+        f"Median error of K / H in %, by kind of normals: {n} points, seeds: {seeds}",
         ["surface", "noise", "normals", *(f"k = {k}" for k in K_VALUES), "automatic"],
     )
-    for shape in STUDY:
+    for surface in surfaces:
         for share in NOISE:
-            found = draws(shape, n, share, seeds)
+            found = draws(surface, n, share, seeds)
             for kind in kinds:
-                cells = [percent([with_normals(*one, kind, k) for one in found]) for k in (*K_VALUES, None)]
-                table.add(shape, f"{100 * share:g} %", kind, *cells)
+                shapes = [(known, shape_with(known, points, kind)) for known, points in found]
+                sizes = (*K_VALUES, None)
+                cells = [percent([measured(*one, kind, k) for one in shapes]) for k in sizes]
+                table.add(surface, f"{100 * share:g} %", kind, *cells)
     return table
 
 
@@ -74,7 +77,7 @@ def density_table(options: Options) -> Table:
     sizes = (1_000, 3_000) if options.quick else (1_000, 3_000, 10_000, 30_000)
     seeds = 1 if options.quick else min(options.seeds, 2)
     table = Table(
-        f"Median error of K / H in % by density, automatic against PCA with k = 20, {seeds} seeds",
+        f"Median error of K / H in % by density, automatic against PCA with k = 20, seeds: {seeds}",
         ["surface", "noise", "points", "automatic k", "automatic", "PCA, k = 20"],
     )
     for shape in STUDY:
@@ -82,8 +85,9 @@ def density_table(options: Options) -> Table:
             for n in sizes:
                 found = draws(shape, n, share, seeds)
                 k = tk.from_points(found[0][1]).curvature().neighbors.shape[-1]
-                default = percent([with_normals(*one, "quadric", None) for one in found])
-                plain = percent([with_normals(*one, "PCA", 20) for one in found])
+                shapes = [(known, tk.from_points(points)) for known, points in found]
+                default = percent([measured(*one, "quadric", None) for one in shapes])
+                plain = percent([measured(*one, "PCA", 20) for one in shapes])
                 table.add(shape, f"{100 * share:g} %", n, k, default, plain)
     return table
 
@@ -120,13 +124,14 @@ def peers_table(options: Options) -> Table:
     n = 2_000 if options.quick else 10_000
     seeds = 1 if options.quick else min(options.seeds, 2)
     table = Table(
-        f"Median error of K in % and seconds: {n} points without normals, {seeds} seeds",
+        f"Median error of K in % and seconds: {n} points without normals, seeds: {seeds}",
         ["surface", "noise", "topokit, automatic k", *(f"{name}, best k" for name in PEERS)],
     )
     for shape in STUDY:
         for share in NOISE:
             found = draws(shape, n, share, seeds)
-            default, seconds = timed(lambda found=found: [with_normals(*one, "quadric", None) for one in found])
+            shapes = [(known, tk.from_points(points)) for known, points in found]
+            default, seconds = timed(lambda shapes=shapes: [measured(*one, "quadric", None) for one in shapes])
             k = tk.from_points(found[0][1]).curvature().neighbors.shape[-1]
             cells = [f"{100 * mean(e[0] for e in default):.1f} (k = {k}, {seconds / seeds:.1f} s)"]
             for peer in PEERS.values():
@@ -149,7 +154,7 @@ def _best(peer: Peer, found: list[tuple[AnalyticSamples, Tensor]]) -> str:
 
 def tables(options: Options) -> list[Table]:
     """By kind of normals, by density, and against peers."""
-    seeds = 1 if options.quick else options.seeds
-    first = normals_table(options, ("PCA", "quadric", "given"), min(seeds, 3))
-    slow = normals_table(options, ("witness", "regularized"), 1)
-    return [first, slow, density_table(options), peers_table(options)]
+    seeds = min(options.seeds, 3)
+    first = normals_table(options, tuple(STUDY), ("PCA", "quadric", "given"), seeds)
+    second = normals_table(options, ("torus",), ("witness", "regularized"), 1)
+    return [peers_table(options), first, second, density_table(options)]

@@ -24,6 +24,8 @@ class Options:
         data: folder with index.json and the shapes that it names, or None.
         thingi10k: folder with meshes of Thingi10K named by their number, or None.
         pictures: folder that figures are written to.
+        every: takes every n-th of the clean meshes of the data.
+        only_rows: whether Table II is made without the table of all clean meshes.
     """
 
     seeds: int
@@ -31,6 +33,8 @@ class Options:
     data: Path | None
     thingi10k: Path | None
     pictures: Path
+    every: int = 1
+    only_rows: bool = False
 
 
 @dataclass

@@ -33,6 +33,7 @@ class Setting:
 
 
 PAPER_SETTINGS = (Setting(5_000, 0.0), Setting(10_000, 0.0), Setting(10_000, 0.025))
+REPORTED = PAPER_SETTINGS[1]
 EXTRA = Setting(10_000, 0.01)  # 0.5 % of the longest side
 Value = float | int | None
 Method = Callable[[Tensor, Tensor, int], Value]
@@ -157,7 +158,7 @@ def _printed(name: str) -> list[str]:
 
 
 def _measured(options: Options, row: shapes.Row, mesh: shapes.Mesh, number: int, setting: Setting) -> list[str]:
-    """Cells of one shape in one setting; the report runs on the first draw."""
+    """Cells of one shape in one setting; the report runs on the first draw of one setting, because it takes longer."""
     draws = [shapes.samples(mesh, setting.n_points, seed, setting.noise) for seed in range(options.seeds)]
     largest = max(K_VALUES)
     found: dict[str, list[float]] = {}
@@ -166,7 +167,9 @@ def _measured(options: Options, row: shapes.Row, mesh: shapes.Mesh, number: int,
         for k in K_VALUES:
             found.setdefault(f"mesh {k}", []).append(_with(points, normals, neighbors[:, :k]))
         found.setdefault("PCA", []).append(_with(points, None, neighbors[:, :20]))
-    report = "–" if options.quick else "{} ({})".format(*reported(draws[0][0]))
+    report = "–"
+    if setting == REPORTED and not options.quick:
+        report = "{} ({})".format(*reported(draws[0][0]))
     return [SETTINGS[number], f"{ours(row.name, number):.2f}", *(_range(one) for one in found.values()), report]
 
 
@@ -222,6 +225,8 @@ def tables(options: Options) -> list[Table]:
     if options.quick:  # meshes of networks take half a minute each
         rows = [row for row in rows if row.kind != "B" and row.name != "Bunny"]
     found = [row_table(options, rows), paper_score()]
+    if options.only_rows:
+        return found
     if options.data is None:
         found[0].notes.append(
             "Without --data the rows that need its files, and the table of clean meshes, are left out."
@@ -229,7 +234,7 @@ def tables(options: Options) -> list[Table]:
         known = [(row.name, row.euler, row.make()) for row in rows if row.make is not None]
         found.append(clean_table(options, "Shapes made by topokit.testing", known, Setting(5_000, 0.0)))
     else:
-        clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else 1]
+        clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else options.every]
         meshes = [(name, euler, shapes.read(path)) for name, euler, path in clean]
         for setting in PAPER_SETTINGS[1:2] if options.quick else (PAPER_SETTINGS[1], EXTRA):
             found.append(clean_table(options, f"All {len(meshes)} clean meshes", meshes, setting))

@@ -64,7 +64,9 @@ def draws(count: int, names: Sequence[str]) -> Iterator[Draw]:
 def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
     """The closed meshes of known truth, by name."""
     rows = json.loads((folder / "index.json").read_text())
-    return {row["name"]: row for row in rows if row["kind"] == "mesh" and row.get("clean_truth") and row["genus"] < 1000}
+    return {
+        row["name"]: row for row in rows if row["kind"] == "mesh" and row.get("clean_truth") and row["genus"] < 1000
+    }
 
 
 def mesh_of(draw: Draw, folder: Path, rows: dict[str, dict[str, Any]]) -> tuple[trimesh.Trimesh, int]:
@@ -83,7 +85,10 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
     """What the report says of a draw, with its evidence."""
     points, face = trimesh.sample.sample_surface(mesh, draw.n_points, seed=draw.number)
     points = np.asarray(points, dtype=np.float64)
-    points = points + np.random.default_rng(draw.number).normal(size=points.shape) * draw.noise * np.ptp(points, axis=0).max()
+    points = (
+        points
+        + np.random.default_rng(draw.number).normal(size=points.shape) * draw.noise * np.ptp(points, axis=0).max()
+    )
     normals = torch.from_numpy(mesh.face_normals[face].copy()) if draw.oriented else None
     started = time.perf_counter()
     shape = tk.from_points(torch.from_numpy(points), normals=normals)
@@ -176,7 +181,9 @@ def print_rows(title: str, probability: Floats, right: Floats, limit: float) -> 
     base = float(right.mean() * (1 - right.mean()))
     caught = float(likely[right > 0].mean()) if right.any() else 0.0
     wrong = int((1 - right[likely]).sum())
-    print(f"{title:<24}{len(right):>6}{right.mean():>8.1%}{brier:>8.3f}{base:>8.3f}{likely.sum():>8}{caught:>9.1%}{wrong:>7}")
+    print(
+        f"{title:<24}{len(right):>6}{right.mean():>8.1%}{brier:>8.3f}{base:>8.3f}{likely.sum():>8}{caught:>9.1%}{wrong:>7}"
+    )
 
 
 def fit(options: argparse.Namespace) -> None:
@@ -196,10 +203,15 @@ def fit(options: argparse.Namespace) -> None:
             own = np.array([row[key] == value for row in rows])
             if own.any():
                 print_rows(f"{key} {value}", probability[own], right[own], limit)
-    for title, own in (("real shapes", np.char.find(shapes, "solid ") < 0), ("random solids", np.char.find(shapes, "solid ") == 0)):
+    for title, own in (
+        ("real shapes", np.char.find(shapes, "solid ") < 0),
+        ("random solids", np.char.find(shapes, "solid ") == 0),
+    ):
         print_rows(title, probability[own], right[own], limit)
     today = np.array([row["verdict"] == "likely" for row in rows])
-    print(f"\nrules in force: {today.sum()} likely, {int((1 - right[today]).sum())} wrong, {today[right > 0].mean():.1%} of the right")
+    print(
+        f"\nrules in force: {today.sum()} likely, {int((1 - right[today]).sum())} wrong, {today[right > 0].mean():.1%} of the right"
+    )
     print("\nreliability: predicted, observed, answers")
     for low in np.arange(0, 1, 0.1):
         own = (probability >= low) & (probability < low + 0.1 + (low > 0.85))

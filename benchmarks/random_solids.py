@@ -50,7 +50,9 @@ def _mesh(field: Floats) -> trimesh.Trimesh | None:
     closed = np.pad(field, 1, constant_values=1.0)
     if not (closed < 0).any():
         return None
-    vertices, faces, _, _ = marching_cubes(closed, 0.0, spacing=(2.4 / (RESOLUTION - 1),) * 3, gradient_direction="ascent")
+    vertices, faces, _, _ = marching_cubes(
+        closed, 0.0, spacing=(2.4 / (RESOLUTION - 1),) * 3, gradient_direction="ascent"
+    )
     mesh = trimesh.Trimesh(vertices, faces, process=True)
     if mesh.volume < 0:
         mesh.invert()

@@ -26,6 +26,7 @@ COLUMNS = (
     "label",
     "adapter",
     "verdict",
+    "confidence",
     "euler",
     "genus",
     "components",
@@ -144,6 +145,7 @@ def report_row(report: TopologyReport, shape: Shape) -> Row:
     solid = report.solid_betti
     values = {
         "verdict": report.verdict,
+        "confidence": report.confidence,
         "euler": report.euler,
         "genus": report.genus,
         "components": report.components,

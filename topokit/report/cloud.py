@@ -63,12 +63,13 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
-    sentences = check_sentences(checks, witness)  # failed checks first, each with a sentence
-    n_deciding = sum(not check.passed for check in checks) or len(sentences)
+    verdict, sentences = cloud_verdict(checks), check_sentences(checks, witness)
+    n_deciding = sum(check.decides if verdict == "likely" else not check.passed for check in checks)
+    confidence = next((check.value for check in checks if check.name == "confidence"), None)
     return _report(
         found,
         euler=witness.euler,
-        verdict=cloud_verdict(checks),
+        verdict=verdict,
         reasons=(*sentences, *preparation_sentences(witness)),
         n_deciding=n_deciding,
         components=components,
@@ -76,6 +77,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         genus=genus,
         cavities=witness.cavities,
         closed=True,
+        confidence=confidence,
     )
 
 
@@ -121,6 +123,7 @@ def _report(
     cavities: int | None = None,
     boundary_loops: int | None = None,
     closed: bool = False,
+    confidence: float | None = None,
 ) -> TopologyReport:
     witness = found.witness
     return TopologyReport(

@@ -10,6 +10,10 @@ from topokit.report.wording import plural
 
 # name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
 _SENTENCES = {
+    "confidence": (
+        "Answers with evidence like this are right {value:.0%} of the time.",
+        "Answers with evidence like this are right only {value:.0%} of the time.",
+    ),
     "cuts": (
         "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
         "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
@@ -94,9 +98,10 @@ _SENTENCES = {
 
 
 def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[str, ...]:
-    """One sentence per check that has something to say, failed ones first."""
+    """One sentence per check that has something to say; of an unsure answer, failed ones first."""
     numbers = _numbers(witness)
-    ordered = sorted(checks, key=lambda check: check.passed)
+    is_likely = all(check.passed for check in checks if check.decides)
+    ordered = checks if is_likely else sorted(checks, key=lambda check: check.passed)
     sentences = (
         _SENTENCES[check.name][0 if check.passed else 1].format(value=check.value, **numbers) for check in ordered
     )

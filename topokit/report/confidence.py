@@ -35,6 +35,8 @@ def _saturating(value: float) -> float:
     return math.log1p(100 * value)  # from one in a hundred on, twice as many are not twice as bad
 
 
+INTERCEPT = 0.0  # log-odds of an answer without any doubt
+
 EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
     {
         "cuts": Doubt("share of the Delaunay cuts that give another integer", 0.0, _itself),
@@ -52,6 +54,16 @@ EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
         "unconfirmed": Doubt("share of given normals that the points do not confirm", 0.0, _saturating),
     }
 )
+
+
+def cloud_confidence(witness: Witness, boundary: BoundaryEstimate) -> float:
+    """Probability that the integer of a closed cloud is right, from 0 to 1.
+
+    Calibrated on samples of shapes of known topology, whole shapes left out; see docs/accuracy.md.
+    """
+    measured = cloud_evidence(witness, boundary)
+    log_odds = INTERCEPT - sum(one.coefficient * one.doubt(measured[name]) for name, one in EVIDENCE.items())
+    return 1 / (1 + math.exp(-log_odds))
 
 
 def cloud_evidence(witness: Witness, boundary: BoundaryEstimate) -> dict[str, float]:

@@ -35,4 +35,5 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         resolution=counted.resolution,
         per_component=components,
         n_deciding=len(deciding),
+        confidence=1.0 if counted.verdict == "certain" else None,
     )

@@ -87,6 +87,8 @@ class TopologyReport:
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
         n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
+        confidence: probability that `euler` is right: 1 for certain, calibrated for closed point clouds and splats, None
+            where nothing was calibrated (networks, wires, open surfaces).
         location: where handles, boundaries and defects are, or None if they were not looked for.
     """
 
@@ -108,6 +110,7 @@ class TopologyReport:
     resolution: float | None
     per_component: Sequence[SurfaceComponent]
     n_deciding: int = 0
+    confidence: float | None = None
     location: Location | None = None
 
     def to_dict(self) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -11,6 +11,7 @@ from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import Family, values_of
 from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
+from topokit.report.confidence import cloud_confidence
 
 Verdict = Literal["certain", "likely", "unsure"]
 
@@ -45,12 +46,6 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
-        "sampled_cuts": Threshold(
-            0.9,
-            "share of counts",
-            "Delaunay cuts of samples of a large cloud that give the integer, at least",
-            "200 000 random points of 47 clean meshes: at 0.7 a thin double wall is likely and wrong",
-        ),
         "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
         "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
         "crowded": Threshold(
@@ -120,11 +115,13 @@ class Check:
         name: what was compared.
         value: the measured number.
         passed: whether it is within the limit.
+        decides: whether the verdict depends on it directly; if not, it is a part of the confidence.
     """
 
     name: str
     value: float
     passed: bool
+    decides: bool = False
 
 
 def mesh_verdict(is_closed: bool, exact_vertices: bool) -> Verdict:
@@ -151,17 +148,20 @@ def function_verdict(is_converged: bool, *, reaches_box: bool, adds_up: bool) ->
 
 
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
-    """A closed cloud is likely if every check passes: both families of votes agree and the sampling supports them."""
-    return "likely" if all(check.passed for check in checks) else "unsure"
+    """A closed cloud is likely if answers with such evidence are nearly always right, and nothing contradicts it."""
+    return "likely" if all(check.passed for check in checks if check.decides) else "unsure"
 
 
 def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, ...]:
-    """The conditions under which the integer of a closed cloud is likely."""
+    """The conditions under which the integer of a closed cloud is likely, and the evidence behind its confidence."""
     euler, quality = witness.euler, witness.quality
+    confidence = cloud_confidence(witness, boundary)
     cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut", "coarse cut")]
-    enough = THRESHOLDS["sampled_cuts" if witness.preparation == "sampled" else "cuts"].value
+    surfaces = float(witness.components + witness.cavities - euler / 2)
     checks = [
-        Check("cuts", sum(cuts) / len(cuts), sum(cuts) / len(cuts) >= enough),
+        Check("confidence", confidence, confidence >= THRESHOLDS["confidence"].value, decides=True),
+        Check("genus", surfaces, has_genus(witness), decides=True),
+        _at_least("cuts", sum(cuts) / len(cuts)),
         *_second_opinions(witness),
         _at_least("agreement", witness.agreement),
         _at_most("crowded", quality.crowded),
@@ -169,14 +169,13 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         _at_least("coverage", quality.coverage),
         _at_most("disagreement", quality.disagreement),
         _at_most("rim", boundary.rim_share),
-        Check("genus", float(witness.components + witness.cavities - euler / 2), has_genus(witness)),
     ]
     if witness.signs.source == "contradictory":
-        checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False))
+        checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False, decides=True))
     elif witness.signs.confirmed is not None:
         checks.append(_at_least("confirmed", witness.signs.confirmed))
     if witness.smoothed is not None:
-        checks.append(Check("second look", witness.smoothed.agreement, False))
+        checks.append(Check("second look", witness.smoothed.agreement, False, decides=True))
     return tuple(checks)
 
 
@@ -198,12 +197,13 @@ def _second_opinions(witness: Witness) -> tuple[Check, ...]:
 def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
     """The conditions under which the integer of a cloud that is read as a thickened graph is likely."""
     is_supported = witness.euler in values_of(witness.votes, "cut", "smooth cut")
-    return (
+    checks = (
         _at_least("wire_range", wire.largest / wire.smallest),
         _at_least("wire_share", wire.share),
         _at_least("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
         _at_most("wire_narrowness", wire.narrowness),
     )
+    return tuple(replace(check, decides=True) for check in checks)
 
 
 def has_genus(witness: Witness) -> bool:

@@ -36,10 +36,10 @@ def module(path: Path) -> ModuleType:
 
 
 def test_every_program_of_the_readme_shows_its_output() -> None:
-    assert len(PROGRAMS) == README.count("```python") == 3
+    assert len(PROGRAMS) == README.count("```python") == 4
 
 
-@pytest.mark.parametrize(("program", "shown"), PROGRAMS, ids=["ten lines", "topology loss", "adapter"])
+@pytest.mark.parametrize(("program", "shown"), PROGRAMS, ids=["ten lines", "handles", "topology loss", "adapter"])
 def test_the_programs_of_the_readme_run_and_print_what_is_shown(program: str, shown: str, tmp_path: Path) -> None:
     command = [sys.executable, "-X", "utf8", "-c", program]
     ran = subprocess.run(command, capture_output=True, cwd=tmp_path, text=True, encoding="utf-8")

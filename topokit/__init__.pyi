@@ -19,11 +19,13 @@ from .errors import (
     TopokitError,
     UnknownFormatError,
 )
+from .handle import Handle
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
+from .repair.topology import fill_boundaries, simplify_topology
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
 
@@ -38,6 +40,7 @@ __all__ = [
     "Evidence",
     "GaussianSplats",
     "GenusError",
+    "Handle",
     "InputError",
     "MissingDependencyError",
     "ReadError",
@@ -49,6 +52,7 @@ __all__ = [
     "TopologyReport",
     "UnknownFormatError",
     "euler_loss",
+    "fill_boundaries",
     "from_labels",
     "from_mesh",
     "from_occupancy",
@@ -61,6 +65,7 @@ __all__ = [
     "losses",
     "refresh_adapters",
     "register_adapter",
+    "simplify_topology",
     "survey",
     "testing",
     "topology_loss",

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
 
 from topokit.core.cloud.downsampling import Criterion
 from topokit.core.cloud.fewer_samples import fewer_samples
+from topokit.core.grid.regularization import regularized_samples
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.defects import Defect
+from topokit.errors import InputError
+from topokit.handle import Handle, handles_of
 from topokit.report.cloud import cloud_report
 from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
+from topokit.report.locate import with_location
 from topokit.report.report import TopologyReport, known_genus
-from topokit.report.surface import reported_surface
+from topokit.report.surface import checked_surface
 from topokit.shape_differentiable import DifferentiableShape
 
 if TYPE_CHECKING:
@@ -38,7 +47,8 @@ class Shape(DifferentiableShape):
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`.
+        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`. None, the default, takes
+            20; for `curvature` more where the samples are noisy.
     """
 
     def genus(self) -> int:
@@ -49,7 +59,7 @@ class Shape(DifferentiableShape):
         """
         return known_genus(self.report())
 
-    def report(self, *, details: bool = False) -> TopologyReport:
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
         A counted answer is reported as it is; samples without one are judged by the global witness.
@@ -57,6 +67,7 @@ class Shape(DifferentiableShape):
         Args:
             details: whether to compute what the integer does not need, too: the curvature estimate χ⁽⁰⁾ of a counted
                 shape, the self-optimized χ⁽ᴷ⁾, and the solid that a mesh encloses by winding number.
+            locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
 
         Raises:
             InputError: if the samples are batched.
@@ -65,6 +76,7 @@ class Shape(DifferentiableShape):
             report = counted_report(self.name, self.notes, self.counted)
         else:
             report = cloud_report(self.name, self.notes, self._only_examination())
+        report = with_location(report, self) if locate else report
         return with_details(report, self) if details else report
 
     def oriented(self) -> Shape:
@@ -98,7 +110,36 @@ class Shape(DifferentiableShape):
         """
         from topokit.export.trimesh import as_trimesh
 
-        return as_trimesh(reported_surface(self))
+        return as_trimesh(checked_surface(self.report(), self._surface_found()))
+
+    def boundaries(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first; none if it is closed.
+
+        Those of a mesh run along its edges with one face. Those of a cloud run through its samples and are found only
+        if they are longer than about twenty sample spacings.
+
+        Raises:
+            InputError: if the samples are batched, or a function's level set is cut by its box.
+        """
+        return self._boundary_found()
+
+    def defects(self, *, self_intersections: bool = True) -> tuple[Defect, ...]:
+        """What is wrong with the mesh, and where: one record for each place.
+
+        Non-manifold edges, pinched vertices, self-intersections, flipped, duplicate and degenerate faces, tiny
+        components and cavities. The faces are rows of `shape.mesh[1]`.
+
+        Args:
+            self_intersections: whether to look for faces that cross each other; this takes longest, and needs libigl.
+
+        Raises:
+            InputError: if the shape was not made from a mesh.
+            MissingDependencyError: if self-intersections are wanted and libigl is not installed.
+        """
+        find = self.__dict__["_find_defects"]
+        if find is None:
+            raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
+        return find(self_intersections)
 
     def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
         """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
@@ -122,6 +163,49 @@ class Shape(DifferentiableShape):
             True
         """
         return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
+
+    def handles(self) -> tuple[Handle, ...]:
+        """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
+
+        There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
+        closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
+
+        Raises:
+            InputError: if there is no closed surface (see `surface`), or it intersects itself.
+
+        Reference:
+            Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
+
+        Example:
+            >>> import topokit as tk
+            >>> from topokit.testing import torus_mesh
+            >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
+            >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
+            (2.5, 3.8)
+        """
+        surface = self.surface()
+        return handles_of(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64))
+
+    def regularized(self) -> Self:
+        """The shape with its samples moved onto the surface where their winding number is one half.
+
+        Normals come from the winding number's gradient. This takes noise out of positions and normals; how much it
+        smooths follows from the noise that is found, and edges are rounded by as much. Without normals the shape is
+        `oriented()` first.
+
+        Returns:
+            A shape with outward normals, differentiable in the points.
+
+        Raises:
+            InputError: if the points bound no solid, or the samples are batched.
+
+        Reference:
+            Paper, Section II-C, supervision by the global winding number.
+        """
+        oriented = self.oriented()
+        areas = oriented.curvature(DEFAULT_NEIGHBORS).area
+        k = self.n_neighbors or self._automatic_neighbors()
+        return self._with(regularized_samples(oriented.samples, areas, k), None)
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
         """The mesh as a `trimesh.Trimesh`; nothing is merged.

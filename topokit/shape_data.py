@@ -6,17 +6,25 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any, Self
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from topokit.core.grid.field import Field
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.boundary_loops import mesh_boundary
+from topokit.core.mesh.defects import Defect
 from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.examination import Examination
 from topokit.report.report import CountedAnswer
 
 UNNAMED = "shape"
+_NOT_PICKLED = ("_make_samples", "_make_counted", "_examined")
+FindDefects = Callable[[bool], tuple[Defect, ...]]
+"""The faults of what a shape was made from; told whether to look for self-intersections, too."""
 
 
 class ShapeData:
@@ -31,24 +39,34 @@ class ShapeData:
     mesh: tuple[Tensor, Tensor] | None
     name: str
     notes: tuple[str, ...]
-    n_neighbors: int
+    n_neighbors: int | None
 
     def __init__(
         self,
         samples: SurfaceSamples | Callable[[], SurfaceSamples],
         counted: CountedAnswer | Callable[[], CountedAnswer | None] | None = None,
         *,
+        surface: Callable[[], TriangleSurface] | None = None,
+        defects: FindDefects | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
-        n_neighbors: int = DEFAULT_NEIGHBORS,
+        n_neighbors: int | None = None,
     ) -> None:
-        own: dict[str, Any] = {"field": field, "mesh": mesh, "name": name, "notes": notes, "n_neighbors": n_neighbors}
+        own: dict[str, Any] = {
+            "_make_surface": surface,
+            "_find_defects": defects,
+            "field": field,
+            "mesh": mesh,
+            "name": name,
+            "notes": notes,
+            "n_neighbors": n_neighbors,
+        }
         own["_make_samples" if callable(samples) else "samples"] = samples
         own["_make_counted" if callable(counted) else "counted"] = counted
         if not callable(samples):
-            enough_samples(samples, n_neighbors, name)
+            enough_samples(samples, given_or_default(n_neighbors), name)
         self.__dict__.update(own)  # attributes cannot be set one by one, see __setattr__
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -59,8 +77,8 @@ class ShapeData:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples and the counted answer instead of the functions that make them."""
-        names = ("samples", "counted", "field", "mesh", "name", "notes", "n_neighbors")
-        return {name: getattr(self, name) for name in names}
+        made = {"samples": self.samples, "counted": self.counted}
+        return {name: value for name, value in self.__dict__.items() if name not in _NOT_PICKLED} | made
 
     def __repr__(self) -> str:
         known = self.__dict__
@@ -73,7 +91,7 @@ class ShapeData:
         """The samples (..., N, 3), made when they are first needed."""
         with torch.inference_mode(False), torch.enable_grad():  # they outlive the mode in which they are first needed
             made = self.__dict__["_make_samples"]()
-        return enough_samples(made, self.n_neighbors, self.name)
+        return enough_samples(made, given_or_default(self.n_neighbors), self.name)
 
     @cached_property
     def counted(self) -> CountedAnswer | None:
@@ -102,7 +120,7 @@ class ShapeData:
             raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__ | changes)
-        enough_neighbors(other.n_neighbors)
+        enough_neighbors(given_or_default(other.n_neighbors))
         return other
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
@@ -125,6 +143,19 @@ class ShapeData:
             self.__dict__["_examined"] = current, found
         return found
 
+    def _automatic_neighbors(self) -> int:
+        """The number of neighbors that the samples' noise calls for; found again if they were changed in place."""
+        versions, found = self.__dict__.get("_automatic", (None, 0))
+        current = self.samples.versions()
+        if versions != current:
+            found = automatic_neighbors(self.samples.points, self._known_neighbors())
+            self.__dict__["_automatic"] = current, found
+        return found
+
+    def _known_neighbors(self) -> Tensor:
+        """(B, N, k) indices of the neighbors that the examinations have found."""
+        return torch.stack([one.neighbors for one in self._examinations()])
+
     def _only_examination(self) -> Examination:
         if self.samples.points.ndim != 2:
             raise InputError(
@@ -133,8 +164,39 @@ class ShapeData:
             )
         return self._examinations()[0]
 
+    def _surface_found(self) -> TriangleSurface | None:
+        """The closed surface as triangles, not compared with the report; None if there is none."""
+        make: Callable[[], TriangleSurface] | None = self.__dict__["_make_surface"]
+        if make is not None:
+            return make()
+        if self.mesh is not None:
+            vertices, faces = (part.detach().cpu().numpy() for part in self.mesh)
+            return TriangleSurface(vertices.astype(np.float64), faces).compact()
+        witness = self._only_examination().witness
+        if witness is None or witness.surface is None:
+            return None
+        points = self.samples.points.detach().cpu().double().numpy()
+        return TriangleSurface(points[witness.surface.points], witness.surface.faces)
+
+    def _boundary_found(self) -> tuple[BoundaryLoop, ...]:
+        """The curves along which the surface ends, longest first."""
+        if self.mesh is not None:
+            vertices, faces = (part.detach().cpu().numpy() for part in self.mesh)
+            return mesh_boundary(vertices.astype(np.float64), faces)
+        if self.counted is not None:
+            if self.counted.closed:
+                return ()
+            raise InputError(
+                f"{self.name} is cut by the box in which it was looked for, and its curves there are not traced: pass "
+                "larger bounds."
+            )
+        found = self._only_examination()
+        points = found.samples.points.cpu().double().numpy()
+        return tuple(BoundaryLoop.through(points, curve.index.numpy()) for curve in found.boundary.curves)
+
     def _with(self, samples: SurfaceSamples, mesh: tuple[Tensor, Tensor] | None) -> Self:
         """A copy with other samples; a counted answer that is not known yet stays so."""
         counted = self.__dict__.get("counted", self.__dict__.get("_make_counted"))
         own = {key: getattr(self, key) for key in ("field", "name", "notes", "n_neighbors")}
+        own |= {"surface": self.__dict__["_make_surface"], "defects": self.__dict__["_find_defects"]}
         return type(self)(samples, counted, mesh=mesh, **own)

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
+from topokit.core.local.curvature import Curvature, CurvatureSettings, NormalMethod, surface_curvature
 from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
@@ -28,20 +29,27 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Curvature:
         """Gaussian, mean, total and principal curvature, directions and area at every sample.
 
         Args:
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; the shape's own by default. If that is None, 20, or as many as the
+                noise calls for, up to 320: it is measured against quadrics in some hundred neighborhoods (see
+                `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` tells.
             solver: "sylvester", "symmetrized", "plain" or "commuting" (see `topokit.core.local.weingarten`).
             area_method: "exact" or "monte-carlo" (see `topokit.core.local.voronoi`).
             area_resolution: side of the Monte Carlo grid.
+            normal_method: how normals are estimated where the samples have none: "quadric", or the paper's "pca", whose
+                curvature errs more on clean samples (by 12 % instead of 2 % on 10 000 random points of a torus).
 
         Returns:
             `Curvature`, differentiable in whatever the shape was made from. H is positive where the surface bends
             towards its inside; without oriented normals its sign is meaningless.
         """
-        return self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+        k = self.n_neighbors if n_neighbors is None else n_neighbors
+        k = self._automatic_neighbors() if k is None else k
+        return self._curvature(CurvatureSettings(k, solver, area_method, area_resolution, normal_method))
 
     def euler(
         self,
@@ -50,17 +58,22 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Tensor:
         """χ⁽⁰⁾: the Euler characteristic estimated from curvature by Gauss–Bonnet, a differentiable real number.
 
         χ⁽⁰⁾ = (1/2π) Σ K·A, plus the geodesic curvature of the boundary where the samples have one. It asks no witness:
         `report().euler` is the integer, `refined_euler()` the estimate after self-optimization.
 
+        It takes 20 neighbors by default also where noise makes `curvature` take more: noise averages out in a sum, and
+        small features do not survive wide neighborhoods.
+
         Args:
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; by default the shape's own, or 20 if that is None.
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
+            normal_method: as for `curvature`; "pca" gives the paper's estimate, and that of the report.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from. The term of
@@ -69,7 +82,7 @@ class DifferentiableShape(ShapeData):
         Reference:
             Paper, equation `euler`.
         """
-        local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution))
+        local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution, normal_method))
         return euler_characteristic(local.gaussian, local.area) + self._boundary_euler(local.area)
 
     def refined_euler(
@@ -85,6 +98,7 @@ class DifferentiableShape(ShapeData):
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
+        normal_method: NormalMethod = "quadric",
     ) -> Tensor:
         """χ⁽ᴷ⁾: the Gauss–Bonnet estimate after self-optimization of the samples (Algorithm 2).
 
@@ -94,7 +108,7 @@ class DifferentiableShape(ShapeData):
         Args:
             target: what χ must become, a number or (...). By default the counted integer, else that of the global
                 witness; without either (planes, lines, open sheets) nothing is optimized.
-            n_neighbors: number of nearest neighbors; the shape's own by default.
+            n_neighbors: number of nearest neighbors; by default the shape's own, or 20 if that is None.
             over: what may change: "normals", "points", "areas".
             step: "polyak", or "gradient" for the paper's plain descent.
             learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
@@ -103,6 +117,7 @@ class DifferentiableShape(ShapeData):
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
+            normal_method: as for `curvature`.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from.
@@ -110,7 +125,7 @@ class DifferentiableShape(ShapeData):
         Reference:
             Paper, Section II-C and Algorithm 2, steps 8 and 9.
         """
-        settings = self._settings(n_neighbors, solver, area_method, area_resolution)
+        settings = self._settings(n_neighbors, solver, area_method, area_resolution, normal_method)
         local = self._curvature(settings)
         boundary = self._boundary_euler(local.area)
         goal = self._target(local.area) if target is None else torch.as_tensor(target).to(local.area)
@@ -154,14 +169,19 @@ class DifferentiableShape(ShapeData):
         return self.field.smoothed_euler(tau)
 
     def _settings(
-        self, n_neighbors: int | None, solver: Solver, area_method: AreaMethod, area_resolution: int
+        self,
+        n_neighbors: int | None,
+        solver: Solver,
+        area_method: AreaMethod,
+        area_resolution: int,
+        normal_method: NormalMethod,
     ) -> CurvatureSettings:
-        k = self.n_neighbors if n_neighbors is None else n_neighbors
-        return CurvatureSettings(k, solver, area_method, area_resolution)
+        k = given_or_default(self.n_neighbors if n_neighbors is None else n_neighbors)
+        return CurvatureSettings(k, solver, area_method, area_resolution, normal_method)
 
     def _curvature(self, settings: CurvatureSettings) -> Curvature:
         """Curvature with the neighbors that the examination has found already, where those are enough."""
-        found = torch.stack([one.neighbors for one in self._examinations()])
+        found = self._known_neighbors()
         k, neighbors = settings.n_neighbors, None
         if k <= found.shape[-1]:
             neighbors = found[..., :k].reshape(*self.samples.points.shape[:-1], k)

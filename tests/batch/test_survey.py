@@ -139,6 +139,16 @@ def test_details_are_columns(folder: Path) -> None:
     assert row["refined"] is not None
 
 
+def test_a_page_of_all_files(folder: Path) -> None:
+    tk.survey(folder, jobs=2).save_html(folder / "page.html", title="All of them")
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert page.count("data:image/webp") == 5
+    assert "All of them" in page
+    assert "truncated.stl" in page
+    with pytest.raises(tk.InputError, match="must be called"):
+        tk.survey(folder).save_html(folder / "page.txt")
+
+
 def meshes(folder: Path, genera: list[int]) -> Path:
     folder.mkdir()
     for number, genus in enumerate(genera):

@@ -170,18 +170,40 @@ def test_an_option_that_an_adapter_lacks_is_an_error_of_that_file_alone(files: P
     assert found.stdout == f"0\tcertain\t{volume}\n"
     assert found.stderr == f"topokit: {cloud}: adapter 'points' has no option --level. It has: --neighbors.\n"
     assert invoke("euler", files / "double.obj", cloud, "--samples", 500, "--seed", 3).exit_code == 0
-    found = invoke("euler", files / "double.obj", "-O", "depth=3")
-    assert found.stderr == (
-        f"topokit: {files / 'double.obj'}: adapter 'mesh' has no option -O depth=…. "
-        "It has: --neighbors, --samples, --seed.\n"
-    )
 
 
-def test_values_that_cannot_be_parsed_are_named(files: Path) -> None:
-    found = invoke("euler", files / "ct.npy", "--level", "bone")
-    assert found.stderr == f"topokit: {files / 'ct.npy'}: --level is 'bone'; expected a number or none.\n"
-    found = invoke("euler", files / "occ.pt", "--bounds", "0,0,0,1,1")
-    assert "--bounds is '0,0,0,1,1'; expected 6 values with commas between them or none." in found.stderr
+def said(found: Result) -> str:
+    """What a usage error says, without the box and the line breaks around it."""
+    return " ".join(found.stderr.replace("│", " ").split())
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--level", "bone"), "--level is 'bone'; expected a number or none."),
+        (("--bounds", "0,0,0,1,1"), "--bounds is '0,0,0,1,1'; expected 6 values with commas between them or none."),
+        (("--adapter", "mesh", "--level", "3"), "adapter 'mesh' has no option --level."),
+        (("--adapter", "occupancy", "-O", "depth=3"), "adapter 'occupancy' has no option -O depth=…."),
+        (("--adapter", "occupation"), "--adapter is 'occupation'; expected mesh or points or voxels"),
+        (("--labels", "bone"), "--labels is 'bone'; expected all, or integers with commas between them."),
+        (("--fail-on", "ugly"), "--fail-on: 'ugly' is no condition; expected certain, likely, unsure, open,"),
+        (("--format", "stl"), "--format is that of standard input: give - as FILE, once."),
+        (("--json", "--jsonl"), "--json and --jsonl exclude each other."),
+        (("--jobs", "-1"), "should be greater than or equal to 0"),
+    ],
+)
+def test_values_that_cannot_be_used_are_usage_errors(files: Path, options: tuple[str, ...], message: str) -> None:
+    found = invoke("euler", files / "ct.npy", *options)
+    assert (found.exit_code, found.stdout) == (2, "")
+    assert message in said(found)
+
+
+def test_a_value_that_fits_another_adapter_is_an_error_of_that_file(files: Path) -> None:
+    found = invoke("euler", files / "ct.npy", files / "double.obj", "--connectivity", "x26")
+    assert found.exit_code == 2
+    found = invoke("euler", files / "ct.npy", "--level", "none")
+    assert found.exit_code == 1
+    assert "pass --level …" in found.stderr
 
 
 @pytest.mark.parametrize("option", ["level", "generator=1", "n_samples=9"])

@@ -8,8 +8,8 @@ import torch
 
 import topokit as tk
 from topokit.errors import InputError
-from topokit.export.picture import LINE_COLORS, colors_of, picture_of
-from topokit.export.scene import Line, scene_of, simplified
+from topokit.export.picture import MARK_COLORS, colors_of, picture_of
+from topokit.export.scene import Mark, scene_of, simplified
 from topokit.export.surfels import Surfels, render
 from topokit.testing import icosphere, sphere_samples, torus_mesh
 
@@ -68,14 +68,14 @@ def test_a_line_is_drawn_in_its_color() -> None:
     shape = tk.from_points(sphere_samples(2_000).points)
     angle = np.linspace(0, 2 * np.pi, 50, endpoint=False)
     loop = np.stack((np.cos(angle), np.sin(angle), 0 * angle), axis=1) * 1.02
-    line = Line("handle", "handle 1", loop, closed=True)
+    line = Mark("handle", "handle 1", loop, "loop")
     assert line.length == pytest.approx(2 * np.pi * 1.02, rel=0.01)
     np.testing.assert_allclose(line.center, 0, atol=1e-9)
     without, marked = (
         picture_of(scene_of(shape, lines, max_faces=100, max_points=2_000), 120).astype(int) for lines in ((), (line,))
     )
     assert (np.abs(without - marked).sum(axis=2) > 60).sum() > 40
-    red, green, blue = LINE_COLORS["handle"]
+    red, green, blue = MARK_COLORS["handle"]
     assert ((marked[..., 0] > 1.5 * marked[..., 1]) & (marked[..., 1] > marked[..., 2])).sum() > 40
     assert red > 1.5 * green > blue
 

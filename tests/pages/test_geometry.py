@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.export.scene import Line, Scene, scene_of
+from topokit.export.scene import Mark, Scene, scene_of
 from topokit.pages.geometry import pack
 from topokit.testing import sphere_samples, torus_mesh
 
@@ -38,7 +38,7 @@ def test_a_mesh_comes_back_within_half_a_step() -> None:
     loop = vertices[:30] + 1000
     scene = scene_of(
         tk.from_mesh((vertices + 1000, faces)),
-        (Line("handle", "handle 1", loop, closed=True), Line("defect", "pinched", loop[:1], closed=False)),
+        (Mark("handle", "handle 1", loop, "loop"), Mark("defect", "pinched", loop[:1], "dots")),
         max_faces=4 * len(faces),
         max_points=100,
     )
@@ -46,10 +46,10 @@ def test_a_mesh_comes_back_within_half_a_step() -> None:
     np.testing.assert_allclose(
         places(header, arrays["positions"]), scene.positions, rtol=0, atol=header["size"] / 130000
     )
-    np.testing.assert_allclose(places(header, arrays["lines"])[:30], loop, rtol=0, atol=header["size"] / 130000)
+    np.testing.assert_allclose(places(header, arrays["marks"])[:30], loop, rtol=0, atol=header["size"] / 130000)
     np.testing.assert_array_equal(arrays["faces"].reshape(-1, 3), scene.faces)
     np.testing.assert_allclose(arrays["values"] / 127 * header["limit"], scene.values, atol=header["limit"] / 250)
-    assert [line["points"] for line in header["lines"]] == [30, 1]
+    assert [line["points"] for line in header["marks"]] == [30, 1]
 
 
 def test_points_come_back_with_their_normals() -> None:

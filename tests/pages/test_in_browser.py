@@ -14,8 +14,8 @@ from browser import opened_page
 from PIL import Image
 
 import topokit as tk
-from topokit.export.picture import LINE_COLORS
-from topokit.export.scene import Line, scene_of
+from topokit.export.picture import MARK_COLORS
+from topokit.export.scene import Mark, scene_of
 from topokit.pages import Entry, Fragment, page_of, write_html
 from topokit.pages.details import details_html
 from topokit.pages.geometry import pack
@@ -28,18 +28,18 @@ HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>.obj"
 OFFSET = np.array([500.0, -20.0, 3.0])
 ANGLE = np.linspace(0, 2 * np.pi, 40, endpoint=False)
 AROUND_TUBE = np.stack((1 + 0.4 * np.cos(ANGLE), 0 * ANGLE, 0.4 * np.sin(ANGLE)), axis=1) + OFFSET
-LINES = (
-    Line("handle", "handle loop 1", AROUND_TUBE, closed=True),
-    Line("defect", "a pinched vertex", OFFSET[None] + (0, 1.4, 0), closed=False),
+MARKS = (
+    Mark("handle", "handle loop 1", AROUND_TUBE, "loop"),
+    Mark("defect", "a pinched vertex", OFFSET[None] + (0, 1.4, 0), "dots"),
 )
 
 
 def torus_fragment() -> Fragment:
     vertices, faces = torus_mesh()
     shape = tk.from_mesh((vertices + OFFSET, faces))
-    scene = scene_of(shape, LINES, max_faces=20_000, max_points=100)
+    scene = scene_of(shape, MARKS, max_faces=20_000, max_points=100)
     made = page_of(shape, shape.report())
-    return replace(made, details=details_html(shape.report(), LINES, "A note on the view."), scene=pack(scene))
+    return replace(made, details=details_html(shape.report(), MARKS, "A note on the view."), scene=pack(scene))
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +97,10 @@ def test_a_click_centers_a_handle(page: Page) -> None:
     page.click("text=handle loop 1")
     page.wait_for_selector("#canvas[data-chosen='0']")
     page.wait_for_timeout(1_500)
-    np.testing.assert_allclose(target(page), LINES[0].center, atol=2e-3)
+    np.testing.assert_allclose(target(page), MARKS[0].center, atol=2e-3)
     page.click("text=a pinched vertex")
     page.wait_for_timeout(1_500)
-    np.testing.assert_allclose(target(page), LINES[1].center, atol=2e-3)
+    np.testing.assert_allclose(target(page), MARKS[1].center, atol=2e-3)
     page.click("text=Whole")
     np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
 
@@ -112,7 +112,7 @@ def test_the_view_shows_the_surface_and_its_lines(page: Page) -> None:
     red, green, blue = np.moveaxis(view, 2, 0)
     assert ((red - blue > 40) & (np.abs(green - blue) < 60)).mean() > 0.03, "the outside of the torus"
     assert ((blue - red > 40) & (blue - green > 10)).mean() > 0.01, "its inside"
-    near = np.abs(view - np.array(LINE_COLORS["handle"])).sum(axis=2) < 60
+    near = np.abs(view - np.array(MARK_COLORS["handle"])).sum(axis=2) < 60
     assert near.sum() > 100, "the handle loop"
 
 

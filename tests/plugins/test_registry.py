@@ -122,7 +122,7 @@ def test_a_string_with_attributes_is_a_function_and_imported_when_it_opens(plugi
 def test_entry_points_are_found_on_the_first_look_up_and_take_options(plugin: Any, blob: Path) -> None:
     plugin("installed_blobs", MODULE, name="blobs")
     assert tk.load(blob, n_samples=70, n_neighbors=9).samples.n_points == 70
-    assert tk.load(blob, adapter="blobs").n_neighbors == 20
+    assert tk.load(blob, adapter="blobs").n_neighbors is None
     assert [row.name for row in tk.list_adapters()] == [*BUILT_IN, "blobs"]
 
 

@@ -65,6 +65,7 @@ class Questions:
         options: gives the adapter and its options for a path.
         labels: of a labeled volume, "all" or some; None examines every file as one shape.
         details: as for `Shape.report`.
+        locate: as for `Shape.report`.
         with_report: whether the answers hold the reports.
         with_page: whether the answers hold what an HTML page shows.
     """
@@ -72,6 +73,7 @@ class Questions:
     options: Options = Given()
     labels: Any = None
     details: bool = False
+    locate: bool = False
     with_report: bool = False
     with_page: bool = False
 
@@ -123,7 +125,7 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
 
 def _answer(shape: Shape, questions: Questions) -> Answer:
     """What was asked for about one shape."""
-    report, fragment = shape.report(details=questions.details), None
+    report, fragment = shape.report(details=questions.details, locate=questions.locate), None
     if questions.with_page:
         from topokit.pages import page_of
 

@@ -85,7 +85,8 @@ class _Worker:
     """A process that answers one task at a time; it is started with the first one, and again after its death."""
 
     def __init__(self, n_threads: int) -> None:
-        self._environment = {name: str(n_threads) for name in _THREADS} | {"OMP_WAIT_POLICY": "passive"} | os.environ
+        threads = {name: str(n_threads) for name in _THREADS} | {"OMP_WAIT_POLICY": "passive"}
+        self._environment = threads | os.environ | {"TTY_INTERACTIVE": "0"}  # rich draws no bars, which would overlap
         self._process: subprocess.Popen[bytes] | None = None
         self._is_stopped = False
 

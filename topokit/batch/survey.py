@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
-from topokit.batch.examine import Answer, Given, Questions, Row, examine, failure
+from topokit.batch.examine import Answer, Given, Questions, Row, called, examine, failure
 from topokit.batch.processes import map_in_processes, n_cores
 from topokit.batch.sources import Paths, Source, Sources, find_sources
 from topokit.errors import InputError
+
+if TYPE_CHECKING:
+    from topokit.pages import Entry
 
 
 class Survey:
@@ -51,6 +56,22 @@ class Survey:
     def rows(self) -> list[Row]:
         """All rows."""
         return list(self)
+
+    def save_html(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
+        """Write a page with a table of all files and a 3D view of each; files are examined for it, known rows or not.
+
+        Args:
+            path: file to write, called .html or .htm.
+            title: heading of the page; the file's name by default.
+
+        Raises:
+            InputError: if the file is not called .html or .htm, or its folder does not exist.
+        """
+        from topokit.pages import write_html
+
+        questions = replace(self._questions, with_page=True)
+        with closing(examine_each(self._sources, questions, self._jobs)) as coming:
+            write_html((entry(answer) for answers in coming for answer in answers), path, title=title)
 
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
@@ -125,6 +146,13 @@ def examine_each(sources: Sequence[Source], questions: Questions, jobs: int) -> 
         return
     with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death)) as coming:
         yield from coming
+
+
+def entry(answer: Answer) -> Entry:
+    """The row of a page for an answer."""
+    from topokit.pages import Entry
+
+    return Entry(called(answer.row), answer.fragment, answer.error, answer.row["seconds"])
 
 
 def _after_death(source: Source, how: str) -> list[Answer]:

@@ -12,9 +12,9 @@ from typing import TextIO
 
 import typer
 
-from topokit.batch.examine import Answer, Questions, called
+from topokit.batch.examine import Answer, Questions
 from topokit.batch.sources import Sources
-from topokit.batch.survey import examine_each
+from topokit.batch.survey import entry, examine_each
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, sources_of
@@ -33,6 +33,7 @@ def answer_files(
     make_writer: MakeWriter,
     *,
     details: bool = False,
+    locate: bool = False,
     with_report: bool = True,
     output: Path | None = None,
     html: Path | None = None,
@@ -46,12 +47,13 @@ def answer_files(
         request: how to examine them.
         make_writer: the form of the results, for a stream and what was found.
         details: as for `Shape.report`.
+        locate: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
         html: page to write besides.
         check: may turn an answer into a failure.
     """
-    questions = Questions(opener, request.labels, details, with_report, with_page=html is not None)
+    questions = Questions(opener, request.labels, details, locate, with_report, with_page=html is not None)
     has_failed = False
 
     def shown(coming: Iterable[list[Answer]], writer: Writer, bar: Bar, is_terminal: bool) -> Iterator[Answer]:
@@ -85,11 +87,10 @@ def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
     if html is None:
         deque(answers, maxlen=0)
         return
-    from topokit.pages import Entry, write_html
+    from topokit.pages import write_html
 
-    entries = (Entry(called(one.row), one.fragment, one.error, one.row["seconds"]) for one in answers)
     try:
-        write_html(entries, html)
+        write_html(map(entry, answers), html)
     except InputError as error:  # about the name of the page, before anything is examined
         raise typer.BadParameter(f"--html: {error}") from error
 

@@ -18,6 +18,7 @@ from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
 from topokit.cli.encoding import use_encodable_letters
 from topokit.cli.forms import takes_form
+from topokit.cli.handles import handles
 from topokit.cli.options import Opener, described_options, opens_files
 from topokit.cli.picture import picture
 from topokit.cli.request import Format, Request, examines_files
@@ -78,6 +79,9 @@ def report(
     details: Annotated[
         bool, typer.Option("--details", help="Also estimates from curvature; this takes longer.")
     ] = False,
+    locate: Annotated[
+        bool, typer.Option("--locate", help="Also where handles, boundaries and defects are; this takes longer.")
+    ] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
     ] = None,
@@ -104,7 +108,17 @@ def report(
         return TextWriter(stream, lambda answer: f"{answer.report}\n")
 
     needs_report = form not in ("csv", "table")
-    answer_files(files, opener, request, writer, details=details, with_report=needs_report, output=output, html=html)
+    answer_files(
+        files,
+        opener,
+        request,
+        writer,
+        details=details,
+        locate=locate,
+        with_report=needs_report,
+        output=output,
+        html=html,
+    )
 
 
 @app.command()
@@ -169,6 +183,7 @@ def curvature(
 
 
 app.command()(picture)
+app.command()(handles)
 
 
 @app.command()

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PANEL = "Options of formats"
 _TEXTS = {
+    "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
     "level": "Volumes and networks: value on the surface.",
     "label": "Volumes: voxels with this label are the solid.",
     "connectivity": "Volumes: 6 or 26.",
@@ -198,7 +199,8 @@ def _check_value(adapter: str | None, name: str, value: str) -> None:
             return
     if expected:
         raise typer.BadParameter(f"{_flag(name)} is {value!r}; expected {' or '.join(dict.fromkeys(expected))}.")
-    raise typer.BadParameter(f"{'no adapter' if adapter is None else f'adapter {adapter!r}'} has an option {name}.")
+    whose = "no adapter has an" if adapter is None else f"adapter {adapter!r} has no"
+    raise typer.BadParameter(f"{whose} option {_flag(name)}.")
 
 
 def _parameters(adapter: str | None, name: str) -> list[inspect.Parameter]:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-_NAME_WIDTH = 30  # letters of a file's name
-_NO_OTHER_BARS = "TTY_INTERACTIVE"  # rich's variable; "0" keeps other consoles from drawing, also those of workers
+_NAME_SHARE = 4  # a file's name takes at most one part in so many of the terminal's width
+_NO_OTHER_BARS = "TTY_INTERACTIVE"  # rich's variable; "0" keeps other consoles from drawing
 
 
 class Bar:
@@ -47,7 +47,8 @@ class Bar:
     def _show_state(self) -> None:
         if self._bar is not None:
             name = self._names[min(self._n_done, len(self._names) - 1)]
-            shown = name if len(name) <= _NAME_WIDTH else "…" + name[1 - _NAME_WIDTH :]
+            width = self._bar.console.width // _NAME_SHARE
+            shown = name if len(name) <= width else "…" + name[1 - width :]
             self._bar.update(self._bar.task_ids[0], completed=self._n_done, description=shown)
 
 

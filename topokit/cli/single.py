@@ -1,4 +1,4 @@
-"""Commands that make one file of another."""
+"""Commands about one file: what is said of it, or made of it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,30 @@ def convert(file: Path, output: Path, format: str | None, opener: Opener, write:
         opener: opens the file.
         write: writes the output, and returns what to say about it.
     """
+    ask(file, format, opener, lambda shape: f"{output}: {write(shape)}", output)
+
+
+def ask(
+    file: Path, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
+) -> None:
+    """Open a file and print what is found out about its shape; exit code 1 if that fails.
+
+    Args:
+        file: to read; - is standard input.
+        format: of standard input.
+        opener: opens the file.
+        answer: what to print about the shape; nothing if it is empty.
+        output: file that will be written, which must be another one, or None.
+    """
     with sources_of([file], format, opener.adapter) as found:
         if len(found.sources) != 1:
             raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
         source = found.sources[0]
         try:
-            if output.exists() and source.path.exists() and output.samefile(source.path):
+            if output is not None and output.exists() and source.path.exists() and output.samefile(source.path):
                 raise InputError(f"{output} is the file to read; name another one to write.")
-            typer.echo(f"{output}: {write(opener.open(source.path))}")
+            if text := answer(opener.open(source.path)):
+                typer.echo(text)
         except TopokitError as error:
             say(in_shell(str(error).replace(str(source.path), source.name), source.name))
             raise typer.Exit(1) from error

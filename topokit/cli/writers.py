@@ -61,17 +61,20 @@ class JsonWriter:
 
     def __init__(self, stream: TextIO, record: Record) -> None:
         self._stream, self._record = stream, record
-        self._before = "[\n"
+        self._separator = "\n"
+        stream.write("[")
 
     def write(self, answer: Answer) -> None:
         """See `Writer`."""
         lines = _json(self._record(answer), self._stream, indent=2).splitlines()
-        print(self._before + "\n".join(f"  {line}" for line in lines), end="", file=self._stream, flush=True)
-        self._before = ",\n"
+        text = self._separator + "\n".join(f"  {line}" for line in lines)
+        self._separator = ",\n"  # set first, since an interrupt may come while the text is flushed
+        self._stream.write(text)
+        self._stream.flush()
 
     def close(self) -> None:
         """See `Writer`."""
-        print("[]" if self._before == "[\n" else "\n]", file=self._stream)
+        self._stream.write("\n]\n")
 
 
 class JsonLinesWriter:

@@ -8,11 +8,15 @@ import torch
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
 
-CHUNK = 1 << 12  # rows per block, so that temporaries of 20 neighbors stay in the cache
+CHUNK = 1 << 12  # rows per block for 20 neighbors, so that temporaries stay in the cache; fewer rows for more neighbors
 
 
 def in_chunks(
-    work: Callable[[Tensor], tuple[Tensor, ...]], n_points: int, device: torch.device, chunk: int = CHUNK
+    work: Callable[[Tensor], tuple[Tensor, ...]],
+    n_points: int,
+    device: torch.device,
+    n_neighbors: int,
+    chunk: int = CHUNK,
 ) -> tuple[Tensor, ...]:
     """Concatenate `work(rows)` over consecutive blocks of row indices.
 
@@ -23,9 +27,10 @@ def in_chunks(
         work: maps (m,) int64 row indices to a tuple of tensors whose first dimension is m.
         n_points: number of rows in all.
         device: where the row indices live.
+        n_neighbors: k; blocks of more than 20 neighbors have fewer rows.
         chunk: rows per block.
     """
-    first, *rest = torch.arange(n_points, device=device).split(chunk)
+    first, *rest = torch.arange(n_points, device=device).split(max(1, min(chunk, 20 * chunk // n_neighbors)))
     parts = [work(first)]
     needs_gradient = any(part.requires_grad for part in parts[0])
     for rows in rest:

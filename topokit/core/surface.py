@@ -1,4 +1,4 @@
-"""Closed triangle surfaces, and the check that one counts to a given Euler characteristic."""
+"""Triangles with their vertices: the form in which every representation gives its surface."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.labels import compact_labels, count_distinct
+from topokit.core.labels import compact_labels
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -15,7 +15,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class TriangleSurface:
-    """Triangles with their vertices.
+    """Triangles in space.
 
     Attributes:
         vertices: (V, 3), in units of length.
@@ -24,15 +24,6 @@ class TriangleSurface:
 
     vertices: Floats
     faces: Integers
-
-    @property
-    def euler(self) -> int:
-        """V − E + F, vertices without a face left out."""
-        if len(self.faces) == 0:
-            return 0
-        ends = np.roll(self.faces, -1, axis=1)
-        keys = np.minimum(self.faces, ends) * (int(self.faces.max()) + 1) + np.maximum(self.faces, ends)
-        return count_distinct(self.faces.ravel()) - count_distinct(keys.ravel()) + len(self.faces)
 
     def compact(self) -> TriangleSurface:
         """The surface without vertices that no face uses."""

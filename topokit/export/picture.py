@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from topokit.export.colors import Floats, diverging_colors
-from topokit.export.scene import Integers, Line, LineKind, Scene
+from topokit.export.scene import Integers, Mark, MarkKind, Scene
 from topokit.export.surfels import Surfels, disc_surfels, mesh_surfels, render, unit
 
 Eye = tuple[float, float, float]
 EYE: Eye = (0.9, -1.3, 1.0)
-LINE_COLORS: Mapping[LineKind, tuple[int, int, int]] = MappingProxyType(
+MARK_COLORS: Mapping[MarkKind, tuple[int, int, int]] = MappingProxyType(
     {"handle": (214, 96, 0), "tunnel": (0, 120, 80), "boundary": (120, 60, 160), "defect": (200, 0, 60)}
 )
 _FINE = 2  # rendered pixels along a pixel of the picture
@@ -34,7 +34,7 @@ def picture_of(scene: Scene, side: int, eye: Eye = EYE) -> NDArray[np.uint8]:
         eye: direction from the shape to the viewer.
     """
     body = _points(scene) if scene.faces is None else _surface(scene, scene.faces, _PER_PIXEL * side * side)
-    marks = [_tube(line, _size(scene)) for line in scene.lines]
+    marks = [_tube(mark, _size(scene)) for mark in scene.marks]
     return render(sum(marks, body), eye, side, _FINE)
 
 
@@ -69,21 +69,20 @@ def _points(scene: Scene) -> Surfels:
     return disc_surfels(scene.positions, scene.normals, colors_of(scene) / 255, radius, n_each=24)
 
 
-def _tube(line: Line, size: float) -> Surfels:
-    """Surfels of a thick curve, or of a ball if it is one point."""
-    color = np.array(LINE_COLORS[line.kind]) / 255
-    radius = _LINE_WIDTH * size
-    centers = _resampled(line, 0.5 * radius) if len(line.points) > 1 else line.points
-    radius = radius if len(line.points) > 1 else 2 * radius
+def _tube(mark: Mark, size: float) -> Surfels:
+    """Surfels of a thick curve, or of a ball for every dot."""
+    color = np.array(MARK_COLORS[mark.kind]) / 255
+    radius = _LINE_WIDTH * size * (1.5 if mark.form == "dots" else 1)
+    centers = mark.points if mark.form == "dots" else _resampled(mark, 0.5 * radius)
     draw = np.random.default_rng(0)
     normals = unit(draw.normal(size=(len(centers), 60, 3)))
     points = centers[:, None] + radius * normals
     return Surfels(*(np.broadcast_to(x, points.shape).reshape(-1, 3) for x in (points, normals, color)))
 
 
-def _resampled(line: Line, step: float) -> Floats:
+def _resampled(mark: Mark, step: float) -> Floats:
     """Points along the curve, at most `step` apart."""
-    corners = np.concatenate((line.points, line.points[:1])) if line.closed else line.points
+    corners = np.concatenate((mark.points, mark.points[:1])) if mark.form == "loop" else mark.points
     along = np.concatenate(([0.0], np.linalg.norm(np.diff(corners, axis=0), axis=1).cumsum()))
     places = np.linspace(0, along[-1], int(along[-1] / step) + 2)
     return np.stack([np.interp(places, along, column) for column in corners.T], axis=1)

@@ -1,4 +1,4 @@
-"""What pictures and pages show of a shape: a surface or points with curvature as color, and lines on it."""
+"""What pictures and pages show of a shape: a surface or points with curvature as color, and marks on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from topokit.errors import InputError
 from topokit.export.colors import Exportable, Floats, interpolate
 
 Integers = NDArray[np.int64]
-LineKind = Literal["handle", "tunnel", "boundary", "defect"]
+MarkKind = Literal["handle", "tunnel", "boundary", "defect"]
+MarkForm = Literal["loop", "curve", "dots"]
 
 _SMOOTHING = 24  # samples over which the curvature of a vertex is averaged, for a picture without speckles
 _LONGEST_EDGE = 0.03  # of the longest side of the box; longer edges are divided while the triangles stay few
@@ -30,25 +31,27 @@ class Drawable(Exportable, Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
-    """A curve on a surface that says where something is.
+class Mark:
+    """A curve or dots on a surface that say where something is.
 
     Attributes:
         kind: what it marks; decides its color.
         label: what a table calls it.
-        points: (M, 3); a single point is drawn as a dot.
-        closed: whether the last point is joined to the first.
+        points: (M, 3).
+        form: "loop" joins the points and the last to the first, "curve" joins them, "dots" does not.
     """
 
-    kind: LineKind
+    kind: MarkKind
     label: str
     points: Floats
-    closed: bool
+    form: MarkForm
 
     @property
     def length(self) -> float:
-        """Length of the curve; 0 for a point."""
-        ends = np.roll(self.points, -1, axis=0) if self.closed else self.points[1:]
+        """Length of the curve; 0 for dots."""
+        if self.form == "dots":
+            return 0.0
+        ends = np.roll(self.points, -1, axis=0) if self.form == "loop" else self.points[1:]
         return float(np.linalg.norm(ends - self.points[: len(ends)], axis=1).sum())
 
     @property
@@ -68,7 +71,7 @@ class Scene:
         values: (N,) Gaussian curvature; NaN where it is unknown.
         limit: curvature at which the colors end.
         faces: (F, 3), or None for points.
-        lines: what is marked.
+        marks: what is marked.
         note: how the view differs from the shape, or None.
     """
 
@@ -77,16 +80,16 @@ class Scene:
     values: Floats
     limit: float
     faces: Integers | None
-    lines: tuple[Line, ...] = ()
+    marks: tuple[Mark, ...] = ()
     note: str | None = None
 
 
-def scene_of(shape: Drawable, lines: tuple[Line, ...] = (), *, max_faces: int, max_points: int) -> Scene:
+def scene_of(shape: Drawable, marks: tuple[Mark, ...] = (), *, max_faces: int, max_points: int) -> Scene:
     """The scene of a shape: its mesh, else the level set of its field, else its samples.
 
     Args:
         shape: any shape that is not batched.
-        lines: what to mark on it.
+        marks: what to mark on it.
         max_faces: a surface with more triangles is simplified, which the note says.
         max_points: of more points, these many are drawn at random (seed 0).
 
@@ -104,13 +107,13 @@ def scene_of(shape: Drawable, lines: tuple[Line, ...] = (), *, max_faces: int, m
     limit = _color_limit(values)
     found = _mesh(shape)
     if found is None:
-        return _points_scene(points, local, values, limit, lines, max_points)
+        return _points_scene(points, local, values, limit, marks, max_points)
     positions, faces, notes = found
     positions, faces, note = simplified(positions, faces, max_faces)
     positions, faces = _subdivided(positions, faces, max_faces)
     note = " ".join(filter(None, (notes, note))) or None
     shown = interpolate(points, np.clip(values, -limit, limit), positions, _SMOOTHING)
-    return Scene(positions, np.zeros((0, 3)), shown, limit, faces, lines, note)
+    return Scene(positions, np.zeros((0, 3)), shown, limit, faces, marks, note)
 
 
 def simplified(positions: Floats, faces: Integers, max_faces: int) -> tuple[Floats, Integers, str | None]:
@@ -148,7 +151,7 @@ def _subdivided(positions: Floats, faces: Integers, max_faces: int) -> tuple[Flo
 
 
 def _points_scene(
-    points: Floats, local: Curvature, values: Floats, limit: float, lines: tuple[Line, ...], max_points: int
+    points: Floats, local: Curvature, values: Floats, limit: float, marks: tuple[Mark, ...], max_points: int
 ) -> Scene:
     """The scene of samples without a surface."""
     normals, note = _numpy(local.normals), None
@@ -157,7 +160,7 @@ def _points_scene(
         note = f"{max_points} of {len(points)} points are shown."
         drawn = np.random.default_rng(0).choice(len(points), max_points, replace=False)
         points, normals, shown = points[drawn], normals[drawn], shown[drawn]
-    return Scene(points, normals, shown, limit, None, lines, note)
+    return Scene(points, normals, shown, limit, None, marks, note)
 
 
 def _mesh(shape: Drawable) -> tuple[Floats, Integers, str | None] | None:

@@ -7,6 +7,7 @@ from topokit.losses.monitor import TopologyMonitor, TopologyRecord
 from topokit.losses.schedule import TauSchedule
 from topokit.losses.topology import TopologyLoss, topology_loss
 from topokit.losses.tracker import SearchOptions
+from topokit.losses.winding import WindingLoss, winding_loss
 
 __all__ = [
     "CriticalPoints",
@@ -16,8 +17,10 @@ __all__ = [
     "TopologyLoss",
     "TopologyMonitor",
     "TopologyRecord",
+    "WindingLoss",
     "critical_points",
     "euler_loss",
     "integrity_well",
     "topology_loss",
+    "winding_loss",
 ]

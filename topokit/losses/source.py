@@ -11,6 +11,7 @@ from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, GridField
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.losses.checks import check_choice, check_count, check_finite
 from topokit.shape import Shape
@@ -77,7 +78,7 @@ class FieldSource(nn.Module):
                 f"{shape.name} is neither a field nor one cloud with oriented normals: use shape.oriented(), or pass "
                 "normals to from_points."
             )
-        local = shape.curvature()
+        local = shape.curvature(given_or_default(shape.n_neighbors))
         self.grid = grid = self._grid_around(points, float(local.area.detach().mean().sqrt()))
         values = winding_field(points, local.normals, local.area, grid).values
         return GridField(values - 0.5, grid, self.connectivity)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING
 
-from topokit.export.scene import Line
+from topokit.export.scene import Mark
 from topokit.report.html import report_html
 from topokit.report.report import TopologyReport
 
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 MOST_PLACES = 200  # rows of the table; all of them are drawn
 
 
-def details_html(report: TopologyReport, lines: tuple[Line, ...], note: str | None) -> str:
+def details_html(report: TopologyReport, marks: tuple[Mark, ...], note: str | None) -> str:
     """Escaped HTML of a report, of the places in its view, and of a note on the view."""
     text = report_html(report)
-    return environment().get_template("details.html").render(report=text, lines=lines, note=note, most=MOST_PLACES)
+    return environment().get_template("details.html").render(report=text, marks=marks, note=note, most=MOST_PLACES)
 
 
 @cache

@@ -14,7 +14,7 @@ from topokit.export.picture import picture_of
 from topokit.export.scene import Drawable, scene_of
 from topokit.pages.details import details_html
 from topokit.pages.geometry import pack
-from topokit.pages.lines import lines_of
+from topokit.pages.marks import marks_of
 from topokit.report.report import TopologyReport
 
 MAX_FACES = 12_000  # triangles of one shape among many: about 100 kB in the page
@@ -74,16 +74,16 @@ def page_of(
         max_faces: a surface with more triangles is simplified for the view, which the page says.
         max_points: of more points, these many are shown.
     """
-    lines = lines_of(report)
+    marks = marks_of(report.location)
     scene, problem = None, None
     try:
-        scene = scene_of(shape, lines, max_faces=max_faces, max_points=max_points)
+        scene = scene_of(shape, marks, max_faces=max_faces, max_points=max_points)
     except TopokitError as error:
         problem = f"There is no view of this shape: {error}"
     note = problem if scene is None else scene.note
     return Fragment(
         facts=_facts(report),
-        details=details_html(report, lines, note),
+        details=details_html(report, marks, note),
         thumbnail=None if scene is None else webp(picture_of(scene, _THUMBNAIL)),
         scene=None if scene is None else pack(scene),
     )

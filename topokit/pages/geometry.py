@@ -19,11 +19,11 @@ _UNKNOWN = -128  # the value of a vertex whose curvature is unknown; others are 
 def pack(scene: Scene) -> bytes:
     """A scene in gzip: length of the header (4 bytes), the header as JSON, then arrays, each from a multiple of 4.
 
-    The header tells the lowest corner and the size of the box, the limit of the colors, the lines, and for each array
+    The header tells the lowest corner and the size of the box, the limit of the colors, the marks, and for each array
     its name, type and number of values. Coordinates are 16-bit steps of the box; curvatures are bytes, ±127 at the
     limits. All numbers are little-endian.
     """
-    every = np.concatenate((scene.positions, *(line.points for line in scene.lines)))
+    every = np.concatenate((scene.positions, *(mark.points for mark in scene.marks)))
     low, high = every.min(axis=0), every.max(axis=0)
     size = float((high - low).max()) or 1.0
     arrays: dict[str, NDArray[Any]] = {
@@ -34,17 +34,13 @@ def pack(scene: Scene) -> bytes:
         arrays["normals"] = _bytes(scene.normals)
     else:
         arrays["faces"] = scene.faces.astype("<u2" if len(scene.positions) <= _STEPS else "<u4")
-    lines = [
-        {"kind": line.kind, "label": line.label, "closed": line.closed, "points": len(line.points)}
-        for line in scene.lines
-    ]
-    if scene.lines:
-        arrays["lines"] = _quantized(np.concatenate([line.points for line in scene.lines]), low, size)
+    if scene.marks:
+        arrays["marks"] = _quantized(np.concatenate([mark.points for mark in scene.marks]), low, size)
     header = {
         "low": low.tolist(),
         "size": size,
         "limit": scene.limit,
-        "lines": lines,
+        "marks": [{"kind": mark.kind, "form": mark.form, "points": len(mark.points)} for mark in scene.marks],
         "arrays": [[name, values.dtype.str[1:], values.size] for name, values in arrays.items()],
     }
     text = _padded(json.dumps(header).encode(), b" ")

@@ -19,7 +19,7 @@ from topokit.export.scene import Drawable, scene_of
 from topokit.pages.details import environment
 from topokit.pages.document import Entry, page_text, write_html
 from topokit.pages.fragment import MAX_FACES, MAX_POINTS, page_of, webp
-from topokit.pages.lines import lines_of
+from topokit.pages.marks import marks_of
 from topokit.report.html import report_html, report_styles
 from topokit.report.report import TopologyReport
 
@@ -35,7 +35,7 @@ class Reportable(Drawable, Protocol):
 
     notes: tuple[str, ...]
 
-    def report(self, *, details: bool = False) -> TopologyReport: ...
+    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport: ...
 
 
 @dataclass(frozen=True)
@@ -55,8 +55,8 @@ class View:
 
 def picture(shape: Reportable, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
     """A square picture of a shape, colored by Gaussian curvature; see `topokit.Shape.picture`."""
-    lines = lines_of(shape.report()) if locate else ()
-    scene = scene_of(shape, lines, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
+    marks = marks_of(shape.report(locate=True).location) if locate else ()
+    scene = scene_of(shape, marks, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Image.fromarray(picture_of(scene, side, eye))
 
 

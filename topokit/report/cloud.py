@@ -22,7 +22,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import check_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
-from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet
+from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, wire_checks
 from topokit.report.wording import plural, position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
@@ -37,7 +37,8 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         found: the measurements.
     """
     witness = found.witness
-    if found.part.boundary.curves:
+    is_wire = witness is not None and witness.wire is not None
+    if found.part.boundary.curves and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
@@ -57,7 +58,8 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    checks = cloud_checks(witness, found.part.boundary)
+    wire = witness.wire
+    checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
@@ -158,6 +160,9 @@ def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
         most = max(values, key=lambda value: (values.count(value), -abs(value)))
         seconds = witness.seconds["votes"] * len(values) / n_values
         rows.append(Evidence(name, sum(values) / len(values), most, seconds))
+    wire = witness.wire
+    if wire is not None:
+        rows.append(Evidence("union of balls", float(wire.euler), wire.euler, wire.seconds))
     return tuple(rows)
 
 
@@ -181,11 +186,11 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
 
 def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
-    if len(witness.faces) == 0:
+    surface = witness.surface
+    if surface is None or len(surface.faces) == 0:
         return ()
-    used, corners = np.unique(witness.faces, return_inverse=True)
-    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(used)].double().numpy()
-    topology = mesh_topology(vertices, corners.reshape(witness.faces.shape))
+    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
+    topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()

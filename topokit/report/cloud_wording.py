@@ -59,6 +59,31 @@ _SENTENCES = {
         "Only {value:.1%} of the given normals are confirmed by the points.",
     ),
     "contradictory": ("", "The given normals contradict each other: {value:.0%} point the wrong way."),
+    "wire_range": (
+        "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
+        "of balls around the points gives χ = {euler} for radii from {smallest:.2g} to {largest:.2g} sample spacings, "
+        "a ratio of {value:.2g}.",
+        "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
+        "of balls around the points gives χ = {euler} only for radii from {smallest:.2g} to {largest:.2g} sample "
+        "spacings.",
+    ),
+    "wire_share": (
+        "{value:.0%} of all radii, by weight, give that integer.",
+        "Only {value:.0%} of all radii of the balls, by weight, give χ = {euler}.",
+    ),
+    "wire_contrast": (
+        "The next integer has 1/{value:.2g} of their weight.",
+        "The next integer has 1/{value:.2g} of their weight, and no Delaunay cut gives χ = {euler}.",
+    ),
+    "wire_contrast_supported": (
+        "The next integer has 1/{value:.2g} of their weight, and a Delaunay cut gives χ = {euler}, too.",
+        "The next integer has 1/{value:.2g} of their weight.",
+    ),
+    "wire_narrowness": (
+        "",
+        "Neighborhoods of 100 points are not one-dimensional (ratio of variances {value:.2f}): wires run close to each "
+        "other.",
+    ),
     "second look": (
         "",
         "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "
@@ -93,6 +118,8 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
         )
     elif n_used < n_points:
         sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
+    if witness.wire is not None and witness.wire.n_stray:
+        sentences.append(f"{plural(witness.wire.n_stray, 'point')} far from all wires were left out.")
     signs = witness.signs
     if signs.source == "reversed":
         sentences.append(f"The given normals point inward ({signs.confirmed:.0%} agree); they were reversed.")
@@ -118,5 +145,7 @@ def _numbers(witness: Witness) -> dict[str, object]:
         "coarse": next(iter(values_of(witness.votes, "coarse cut")), None),
         "n_used": witness.n_used,
         "surfaces": plural(witness.components + witness.cavities, "closed surface"),
+        "smallest": 0.0 if witness.wire is None else witness.wire.smallest,
+        "largest": 0.0 if witness.wire is None else witness.wire.largest,
         "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
     }

@@ -11,6 +11,7 @@ from typing import Any
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError
+from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
 
@@ -86,6 +87,7 @@ class TopologyReport:
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
         n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
+        location: where handles, boundaries and defects are, or None if they were not looked for.
     """
 
     name: str
@@ -106,10 +108,11 @@ class TopologyReport:
     resolution: float | None
     per_component: Sequence[SurfaceComponent]
     n_deciding: int = 0
+    location: Location | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
-        rows: dict[str, Any] = _plain(self)
+        rows: dict[str, Any] = plain(self)
         return rows
 
     def to_json(self, indent: int | None = None) -> str:
@@ -131,7 +134,8 @@ class TopologyReport:
             )
         marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
         lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
-        return "\n".join([", ".join(parts), *lines])
+        places = () if self.location is None else self.location.lines()
+        return "\n".join([", ".join(parts), *lines, *(f"  - {place}" for place in places)])
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -140,12 +144,13 @@ class TopologyReport:
         return notebook_html(self)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Records as dictionaries, sequences as lists, numbers that are not finite as None."""
     if is_dataclass(value) and not isinstance(value, Sequence):
-        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+        told = (one.name for one in fields(value) if one.metadata.get("json", True))
+        return {name: plain(getattr(value, name)) for name in told}
     if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(one) for one in value]
+        return [plain(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

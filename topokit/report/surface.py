@@ -2,51 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
-import numpy as np
-from torch import Tensor
-
-from topokit.core.mesh.connectivity import mesh_connectivity
+from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.report import TopologyReport
 
 
-class HasSurface(Protocol):
-    """What a surface is taken from: a `topokit.Shape`."""
+def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> TriangleSurface:
+    """The surface that a report is about, facing outward.
 
-    @property
-    def mesh(self) -> tuple[Tensor, Tensor] | None: ...
-
-    def report(self) -> TopologyReport: ...
-
-
-def reported_surface(shape: HasSurface) -> TriangleSurface:
-    """The closed surface that the shape's report is about, checked against the report.
+    Args:
+        report: of a shape.
+        surface: what was found for it, or None.
 
     Raises:
-        InputError: if the surface is open, not a manifold, or does not count to the reported integer.
+        InputError: if there is none, or it is open, not a manifold or does not count to the report's integer.
     """
-    report = shape.report()
-    if not report.closed or report.euler is None:
+    if surface is None or len(surface.faces) == 0 or not report.closed:
         raise InputError(f"{report.name} has no closed surface. {' '.join(report.reasons)}")
-    if shape.mesh is None:
-        raise InputError(f"{report.name} was not made from a mesh, so its surface is not known as triangles.")
-    vertices, faces = shape.mesh
-    surface = TriangleSurface(
-        np.asarray(vertices.detach().cpu().numpy(), dtype=np.float64), faces.cpu().numpy().astype(np.int64)
-    )
-    return _checked(surface.compact(), report)
-
-
-def _checked(surface: TriangleSurface, report: TopologyReport) -> TriangleSurface:
-    """The surface itself if it is a closed manifold that counts to the report's integer."""
-    is_closed = len(surface.faces) > 0 and mesh_connectivity(surface.faces).is_closed
-    if not is_closed or surface.euler != report.euler:
-        found = f"counts to V − E + F = {surface.euler}" if is_closed else "is not a closed manifold"
+    topology = mesh_topology(surface.vertices, surface.faces)
+    if not topology.is_closed or topology.euler != report.euler:
+        found = f"counts to χ = {topology.euler}" if topology.is_closed else "is not a closed manifold"
         raise InputError(
-            f"{report.name}: the surface that was found {found}, while the report says χ = {report.euler} "
-            f"({report.verdict}), so it is not returned."
+            f"{report.name}: the surface that was found {found}, but χ = {report.euler} ({report.verdict}) is "
+            f"reported, so it is not given. {' '.join(report.reasons)}"
         )
-    return surface
+    return TriangleSurface(surface.vertices, topology.faces)

@@ -9,6 +9,7 @@ from typing import Literal
 
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import Family, values_of
+from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
 
 Verdict = Literal["certain", "likely", "unsure"]
@@ -34,6 +35,10 @@ class Threshold:
 _ONE_DRAW = (
     "set so that at least 95 % of the likely answers are right on one draw (seed 0) of 10 000 points from each of 47 "
     "clean meshes, oriented, unoriented and noisy; checked on a second draw (docs/accuracy.md)"
+)
+_TUBES = (
+    "67 tubes along random graphs, knots, polyhedra, helices and chained rings, radius 0.3 to 1.6 spacings, "
+    "1 500 to 4 000 points"
 )
 _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and without holes, 1 000 to 10 000 points"
 
@@ -74,6 +79,27 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         ),
         "open_crowded": Threshold(
             0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW
+        ),
+        "wire_share": Threshold(
+            0.4, "share of weight", "radii of the union of balls that give the integer of a wire, at least", _TUBES
+        ),
+        "wire_contrast": Threshold(
+            6,
+            "ratio",
+            "weight of a wire's integer over that of the next, at least, where no Delaunay cut gives it",
+            _TUBES,
+        ),
+        "wire_contrast_supported": Threshold(
+            3,
+            "ratio",
+            "weight of a wire's integer over that of the next, at least, where a Delaunay cut gives it",
+            _TUBES,
+        ),
+        "wire_range": Threshold(
+            2, "ratio of radii", "range of radii over which the wire's integer stands, at least", _TUBES
+        ),
+        "wire_narrowness": Threshold(
+            0.25, "ratio of variances", "median second over first variance of 100 neighbors of a wire, at most", _TUBES
         ),
         "overlap": Threshold(
             0.04,
@@ -167,6 +193,17 @@ def _second_opinions(witness: Witness) -> tuple[Check, ...]:
         for value in values_of(votes, family)[:1]:
             checks.append(Check(name, float(value), original == value == euler))
     return tuple(checks)
+
+
+def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
+    """The conditions under which the integer of a cloud that is read as a thickened graph is likely."""
+    is_supported = witness.euler in values_of(witness.votes, "cut", "smooth cut")
+    return (
+        _at_least("wire_range", wire.largest / wire.smallest),
+        _at_least("wire_share", wire.share),
+        _at_least("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
+        _at_most("wire_narrowness", wire.narrowness),
+    )
 
 
 def has_genus(witness: Witness) -> bool:

@@ -12,11 +12,14 @@ from topokit.testing.surfaces import (
     torus_samples,
     union,
 )
+from topokit.testing.wires import deltoidal_icositetrahedron, edge_tubes, torus_knot, triakis_tetrahedron
 
 __all__ = [
     "AdapterConformance",
     "AnalyticSamples",
     "cylinder_samples",
+    "deltoidal_icositetrahedron",
+    "edge_tubes",
     "ellipsoid_samples",
     "genus_mesh",
     "hemisphere_samples",
@@ -28,7 +31,9 @@ __all__ = [
     "shell_mesh",
     "shell_samples",
     "sphere_samples",
+    "torus_knot",
     "torus_mesh",
     "torus_samples",
+    "triakis_tetrahedron",
     "union",
 ]

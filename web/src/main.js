@@ -52,7 +52,7 @@ byId("details").addEventListener("click", (event) => {
   if (!row || !viewer) return;
   for (const other of byId("details").querySelectorAll(".chosen")) other.classList.remove("chosen");
   row.classList.add("chosen");
-  if (row.dataset.line !== undefined) viewer.findLine(Number(row.dataset.line));
+  if (row.dataset.mark !== undefined) viewer.findMark(Number(row.dataset.mark));
   else viewer.findBox(...[row.dataset.low, row.dataset.high].map((text) => text.split(",").map(Number)));
 });
 

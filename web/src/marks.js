@@ -14,24 +14,24 @@ export class Marks {
     this.chosen = [];
     this.resolution = new Vector2(1, 1);
     const half = [0, 0, 0];
-    const { positions, lines } = scene.arrays;
+    const { positions, marks } = scene.arrays;
     for (let i = 0; i < positions.length; i++) half[i % 3] = Math.max(half[i % 3], positions[i] / STEPS / 2);
-    const all = Array.from(lines ?? [], (step, i) => step / STEPS - half[i % 3]);
+    const all = Array.from(marks ?? [], (step, i) => step / STEPS - half[i % 3]);
     let start = 0;
-    this.lines = scene.lines.map((line) => {
-      const points = all.slice(3 * start, 3 * (start + line.points));
-      start += line.points;
-      return { ...line, points };
+    this.marks = scene.marks.map((mark) => {
+      const points = all.slice(3 * start, 3 * (start + mark.points));
+      start += mark.points;
+      return { ...mark, points };
     });
     for (const kind of Object.keys(COLORS)) {
-      const ofKind = this.lines.filter((line) => line.kind === kind);
+      const ofKind = this.marks.filter((mark) => mark.kind === kind);
       this.objects.push(...this.add(ofKind, COLORS[kind], 3));
     }
   }
 
-  add(lines, color, width) {
-    const segments = lines.flatMap((line) => pairs(line));
-    const dots = lines.filter((line) => line.points.length === 3).flatMap((line) => line.points);
+  add(marks, color, width) {
+    const segments = marks.flatMap((mark) => pairs(mark));
+    const dots = marks.filter((mark) => mark.form === "dots").flatMap((mark) => mark.points);
     const made = [];
     for (const behind of [true, false]) {
       const look = { color, depthTest: !behind, transparent: behind, opacity: behind ? 0.3 : 1 };
@@ -53,16 +53,16 @@ export class Marks {
     return made;
   }
 
-  // Draws a line thick, none for null; the box around it.
+  // Draws a mark thick, none for null; the box around it.
   choose(index) {
     for (const object of this.chosen) dispose(object, this.world);
     this.chosen = [];
     if (index === null) return null;
-    const line = this.lines[index];
-    this.chosen = this.add([line], COLORS[line.kind], 7);
+    const mark = this.marks[index];
+    this.chosen = this.add([mark], COLORS[mark.kind], 7);
     for (const object of this.chosen) object.renderOrder += 2;
     const box = new Box3();
-    for (let i = 0; i < line.points.length; i += 3) box.expandByPoint(new Vector3(...line.points.slice(i, i + 3)));
+    for (let i = 0; i < mark.points.length; i += 3) box.expandByPoint(new Vector3(...mark.points.slice(i, i + 3)));
     return box;
   }
 
@@ -82,10 +82,10 @@ function dispose(object, world) {
   object.material.dispose();
 }
 
-// The segments of a line, six numbers each.
-function pairs({ points, closed }) {
+// The segments of a curve, six numbers each.
+function pairs({ points, form }) {
   const count = points.length / 3;
-  const last = count < 2 ? 0 : closed ? count : count - 1;
+  const last = form === "dots" ? 0 : form === "loop" ? count : count - 1;
   return Array.from({ length: last }, (_, i) => [i, (i + 1) % count])
     .flat()
     .flatMap((i) => points.slice(3 * i, 3 * i + 3));

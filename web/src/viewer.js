@@ -102,8 +102,8 @@ export class Viewer {
     return (1.08 * radius) / Math.sin(Math.atan(Math.tan(half) * Math.min(1, this.camera.aspect)));
   }
 
-  // Center a line that the table names, and light it up.
-  findLine(index) {
+  // Center a mark that the table names, and light it up.
+  findMark(index) {
     this.clearChoice();
     this.setTransparent(true);
     const box = this.marks.choose(index);

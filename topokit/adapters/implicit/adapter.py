@@ -17,7 +17,7 @@ from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.convergence import reached_faces
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.files import existing_file
 from topokit.shape import Shape
@@ -37,7 +37,7 @@ def from_sdf(
     resolution: int = 512,
     n_samples: int = 10_000,
     field_resolution: int = 64,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface {f = level} of a function that is lower inside, such as a signed distance network.
@@ -58,7 +58,7 @@ def from_sdf(
             about four times as many evaluations.
         n_samples: number of samples.
         field_resolution: cells along the longest side of the field's own grid, which is evaluated everywhere.
-        n_neighbors: number of nearest neighbors.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
@@ -84,7 +84,7 @@ def from_occupancy(
     resolution: int = 512,
     n_samples: int = 10_000,
     field_resolution: int = 64,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface {f = level} of a function that is higher inside, such as an occupancy network.
@@ -96,7 +96,7 @@ def from_occupancy(
         resolution: as for `from_sdf`.
         n_samples: number of samples.
         field_resolution: as for `from_sdf`.
-        n_neighbors: number of nearest neighbors.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: as for `from_sdf`.
 
     Raises:
@@ -126,7 +126,7 @@ class _Settings:
     resolution: int
     n_samples: int
     field_resolution: int
-    n_neighbors: int
+    n_neighbors: int | None
     generator: torch.Generator | None
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class _Settings:
             raise InputError(f"resolution is {self.resolution}; it must be at least {2 * COARSEST}.")
         if self.field_resolution < 8:
             raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
-        check_sample_count(self.n_samples, self.n_neighbors)
+        check_sample_count(self.n_samples, given_or_default(self.n_neighbors))
 
 
 def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
@@ -150,7 +150,15 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
     seed = deferred_seed(settings.generator)
     surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed)
     field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
-    return Shape(surface.samples, surface.answer, field=field, name=name, notes=notes, n_neighbors=settings.n_neighbors)
+    return Shape(
+        surface.samples,
+        surface.answer,
+        surface=surface.triangles,
+        field=field,
+        name=name,
+        notes=notes,
+        n_neighbors=settings.n_neighbors,
+    )
 
 
 def _probes(bounds: Bounds) -> torch.Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -13,10 +14,12 @@ from topokit.core.components import Corner
 from topokit.core.grid.components import grid_surfaces
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.level_surface import level_surface
 from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
 from topokit.core.implicit.convergence import convergence_study
-from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, project
+from topokit.core.implicit.level_set import area_weighted_starts, edge_crossings, implicit_point, project
 from topokit.core.samples import SurfaceSamples
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.function import function_answer
 from topokit.report.report import CountedAnswer
@@ -44,6 +47,7 @@ class ImplicitSurface:
         self.n_samples = n_samples
         self.seed = seed
         self._coarsest: AdaptiveField | None = None
+        self._n_cells: int | None = None  # of the grid that shows the answer
 
     def samples(self) -> SurfaceSamples:
         """Area-weighted points on the zero set with outward normals, both differentiable in f's weights.
@@ -91,8 +95,26 @@ class ImplicitSurface:
         with progress_bar(self.function.name, self.resolution) as progress:
             coarsest = self._coarsest_field(progress)
             study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress)
+        self._n_cells = study.field.grid.n_cells
         components = grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.field.grid)
         return function_answer(study, components, *self.bounds, time.perf_counter() - started)
+
+    def triangles(self) -> TriangleSurface:
+        """The zero set as triangles on the coarsest grid that shows the counted integer, its vertices on the zero set.
+
+        The grid is evaluated again: kept in memory it would cost more than the surface.
+
+        Raises:
+            InputError: as for `samples`.
+        """
+        if self._n_cells is None:
+            self.answer()
+        with progress_bar(self.function.name, self._n_cells or COARSEST) as progress:
+            field = self._coarsest_field(progress)
+            while field.grid.n_cells != self._n_cells:
+                field = refine_grid(field, self.function.without_graph, progress)
+        locate = partial(edge_crossings, self.function.without_graph)
+        return level_surface(field.values, field.grid, DEFAULT_CONNECTIVITY, locate)
 
     def _coarsest_field(self, progress: Progress) -> AdaptiveField:
         """The field on the coarsest grid, evaluated at every vertex, once."""

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -18,7 +19,8 @@ from topokit.adapters.mesh.files import read_mesh
 from topokit.adapters.mesh.polygons import triangles
 from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.mesh.defects import mesh_defects
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -40,7 +42,7 @@ def from_mesh(
     faces: Faces | None = None,
     *,
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     sampling: Sampling = "area",
     generator: torch.Generator | None = None,
 ) -> Shape:
@@ -59,7 +61,7 @@ def from_mesh(
         faces: vertex indices (F, 3), (F, n) with −1 after the last corner of smaller polygons, or lists of different
             lengths. Polygons are cut into fans.
         n_samples: number of samples for curvature and its estimate.
-        n_neighbors: number of nearest neighbors that curvature is computed from.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         sampling: "area": random, in proportion to area. "feature-size", "curvature" and "even" draw ten times as many
             and keep at most `n_samples` of them, as `Shape.downsample` does; areas are then known.
         generator: source of randomness; one number is taken from it at once to seed the samples. Seed 0 if None.
@@ -76,11 +78,12 @@ def from_mesh(
         2
     """
     name, vertices, corners = _open(source, faces)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
     if sampling not in get_args(Sampling):
         raise InputError(f"sampling is {sampling!r}; expected one of {', '.join(map(repr, get_args(Sampling)))}.")
     started = time.perf_counter()
-    counted = count_mesh(vertices.detach().cpu().numpy().astype(np.float64), corners)
+    positions = vertices.detach().cpu().numpy().astype(np.float64)
+    counted = count_mesh(positions, corners)
     seconds = time.perf_counter() - started
     answer = mesh_answer(counted.topology, seconds, exact_vertices=counted.exact_vertices)
     used = torch.from_numpy(counted.topology.faces).to(vertices.device)
@@ -89,7 +92,15 @@ def from_mesh(
     def samples() -> SurfaceSamples:
         return _samples(vertices, used, n_samples, sampling, torch.Generator().manual_seed(seed))
 
-    return Shape(samples, answer, mesh=(vertices, used), name=name, notes=counted.notes, n_neighbors=n_neighbors)
+    return Shape(
+        samples,
+        answer,
+        defects=partial(mesh_defects, positions, counted.faces),
+        mesh=(vertices, used),
+        name=name,
+        notes=counted.notes,
+        n_neighbors=n_neighbors,
+    )
 
 
 def _samples(

@@ -28,11 +28,13 @@ class CountedMesh:
         topology: what counting found.
         notes: sentences about what was left out or merged.
         exact_vertices: False if the mesh is closed only after vertices that nearly coincide were merged.
+        faces: (F, 3) the faces that were counted, oriented as given.
     """
 
     topology: MeshTopology
     notes: tuple[str, ...]
     exact_vertices: bool
+    faces: Integers
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def count_mesh(vertices: Floats, faces: Integers) -> CountedMesh:
     topology = mesh_topology(vertices, reading.connectivity.faces, reading.connectivity)
     if not topology.has_area:
         raise InputError("the mesh has no area: all of its faces are degenerate.")
-    return CountedMesh(topology, (*notes, *reading.notes), reading.exact_vertices)
+    return CountedMesh(topology, (*notes, *reading.notes), reading.exact_vertices, reading.connectivity.faces)
 
 
 def _check(vertices: Floats, faces: Integers) -> None:

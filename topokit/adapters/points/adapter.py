@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
@@ -25,7 +24,8 @@ def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,
     *,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
+    regularize: bool = False,
 ) -> Shape:
     """A point cloud as a shape.
 
@@ -36,7 +36,9 @@ def from_points(
             and tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
-        n_neighbors: number of nearest neighbors for curvature.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
+        regularize: whether to take noise out of points and normals by `Shape.regularized`; without normals this finds
+            their signs first, which takes as long as a report.
 
     Returns:
         A `Shape`, differentiable in points and normals. Rows that are not finite are dropped; the report counts them.
@@ -69,7 +71,8 @@ def from_points(
         )
     if positions.ndim == 2:
         positions, directions = _valid_rows(positions, directions, notes)
-    return Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+    shape = Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+    return shape.regularized() if regularize else shape
 
 
 def _tensor(values: object, name: str) -> Tensor:

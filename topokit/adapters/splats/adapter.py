@@ -14,7 +14,7 @@ from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape
@@ -32,7 +32,7 @@ def from_splats(
     max_thickness_ratio: float | None = 0.5,
     min_cluster_share: float | None = 0.01,
     n_samples: int | None = None,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """Gaussian splats as a shape of samples on their discs.
@@ -57,7 +57,7 @@ def from_splats(
         min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
         n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
             least 5 000 and at most 100 000: several samples on one disc improve coverage, not curvature.
-        n_neighbors: number of nearest neighbors for curvature.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness (CPU), advanced by one draw; seed 0 if None.
 
     Returns:
@@ -81,7 +81,7 @@ def from_splats(
     """
     limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)
     if n_samples is not None:
-        check_sample_count(n_samples, n_neighbors)
+        check_sample_count(n_samples, given_or_default(n_neighbors))
     name, splats = _open(source, activated)
     kept = clean(splats, limits, component)
     count = n_samples or min(max(len(kept.splats), _FEWEST_SAMPLES), _MOST_SAMPLES)

@@ -25,7 +25,9 @@ from topokit.core.grid.euler import (
 )
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid, Spacing
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.grid.level_surface import level_surface
+from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file
@@ -46,7 +48,7 @@ def from_voxels(
     label: float | None = None,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
     """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
@@ -66,7 +68,7 @@ def from_voxels(
         label: voxels equal to it are inside; then there is no level.
         origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
-        n_neighbors: number of nearest neighbors.
+        n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
     Raises:
@@ -86,7 +88,7 @@ def from_voxels(
     x, y, z = values.shape
     grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
-    check_sample_count(n_samples, n_neighbors)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
     label = None if label is None else _as_number("label", label)
     level, notes = _level_and_notes(values, level, label)
@@ -99,6 +101,7 @@ def from_voxels(
     return Shape(
         lambda: volume_samples(field.detached(), grid, n_samples, torch.Generator().manual_seed(seed)),
         lambda: _count(field),
+        surface=field.surface,
         field=field,
         name=name,
         notes=notes,
@@ -138,6 +141,10 @@ class VoxelField(Field):
         if self.label is not None:
             return surface_euler(self.inside(), 0, connectivity)
         return surface_euler(self.volume.detach(), self.level, connectivity)
+
+    def surface(self) -> TriangleSurface:
+        """The closed surface as triangles, in the field's own connectivity."""
+        return level_surface(self.detached(), self.grid, self.connectivity)
 
     def _is_inside(self, voxels: Tensor) -> Tensor:
         return voxels == self.label if self.label is not None else voxels.detach() > self.level

@@ -220,7 +220,7 @@ def surface_normals(complex_: DelaunayComplex, inside: Booleans, fallback: Float
         inside: (T,).
         fallback: (N, 3), used for samples off the surface.
     """
-    tetrahedron, corner = _separating_facets(complex_, inside)
+    tetrahedron, corner = separating_facets(complex_, inside)
     area = complex_.facet_area[tetrahedron, corner][:, None] * complex_.facet_normal[tetrahedron, corner]
     vertices = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]].ravel()
     count = len(complex_.points)
@@ -229,13 +229,7 @@ def surface_normals(complex_: DelaunayComplex, inside: Booleans, fallback: Float
     return np.where(size[:, None] > 0, total / np.maximum(size, 1e-300)[:, None], fallback), size > 0
 
 
-def separating_faces(complex_: DelaunayComplex, inside: Booleans) -> Integers:
-    """The surface between inside and outside as triangles (F, 3), indices of the complex's points; not oriented."""
-    tetrahedron, corner = _separating_facets(complex_, inside)
-    return complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
-
-
-def _separating_facets(complex_: DelaunayComplex, inside: Booleans) -> tuple[Integers, Integers]:
+def separating_facets(complex_: DelaunayComplex, inside: Booleans) -> tuple[Integers, Integers]:
     """Inside tetrahedra whose facet opposite to `corner` borders the outside."""
     beyond = np.append(inside, False)[complex_.neighbors]  # index −1 is the appended outside
     tetrahedron, corner = np.nonzero(inside[:, None] & ~beyond)

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.cloud.cut_surface import CutSurface
 from topokit.core.cloud.votes import SampleQuality, Vote
+from topokit.core.cloud.wires import WireReading
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
 Preparation = Literal["whole", "sampled", "averaged"]
 
@@ -66,9 +67,11 @@ class Witness:
         spacing: typical distance between the used points, in units of length; of a large cloud the median.
         resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        faces: (F, 3), the surface of the first cut as triangles of the points given, not oriented.
+        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
         preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
             features are small) or "averaged" (too noisy for that: even samples, each averaged over its neighbors).
+        wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
+            everywhere, else None.
     """
 
     euler: int
@@ -85,8 +88,9 @@ class Witness:
     spacing: float
     resolution: float
     seconds: dict[str, float]
-    faces: Integers
+    surface: CutSurface | None
     preparation: Preparation = "whole"
+    wire: WireReading | None = None
 
     @property
     def is_downsampled(self) -> bool:

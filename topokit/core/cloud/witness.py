@@ -15,7 +15,8 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.cloud.axes import surface_axes
-from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex, separating_faces
+from topokit.core.cloud.cut_surface import cut_surface
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex
 from topokit.core.cloud.dense import (
     MOST_POINTS,
     SAMPLES,
@@ -38,6 +39,7 @@ from topokit.core.cloud.neighborhoods import (
 )
 from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
+from topokit.core.cloud.wires import WireReading, read_wire
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
@@ -89,6 +91,7 @@ class _Look:
         spacing: typical distance between samples.
         finest: that of the finest samples.
         turned: when the normals were found.
+        wire: the reading as a thickened graph, or None; large clouds are not read in this way.
     """
 
     signs: Signs
@@ -101,6 +104,7 @@ class _Look:
     spacing: float
     finest: float
     turned: float
+    wire: WireReading | None = None
 
 
 @one_thread()
@@ -145,6 +149,7 @@ def global_witness(
     look, preparation, used_points = _look(cloud)
     components, cavities = count_parts(look.complex_, look.cut.inside)
     euler, agreement = tally(look.votes)
+    surface = cut_surface(look.complex_, look.cut.inside, euler)
     quality = look.quality
     witness = Witness(
         euler=euler,
@@ -164,9 +169,11 @@ def global_witness(
             "orientation": look.turned - start,
             "votes": time.perf_counter() - look.turned,
         },
-        faces=kept[look.kept][separating_faces(look.complex_, look.cut.inside)],
+        surface=replace(surface, points=kept[look.kept][surface.points]),
         preparation=preparation,
     )
+    if look.wire is not None:
+        return _as_wire(witness, look.wire)
     return _second_look(witness, used_points) if may_smooth else witness
 
 
@@ -189,13 +196,14 @@ def _look(cloud: _Cloud) -> tuple[_Look, Preparation, Floats]:
 
 def _look_at_all(cloud: _Cloud) -> _Look:
     local = local_geometry(cloud.points, cloud.areas)
-    signs, outward, complex_ = _outward(cloud, local)
+    wire = read_wire(cloud.points)
+    signs, outward, complex_ = _outward(cloud, local, wire)
     turned = time.perf_counter()
     weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
     votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
     spacing = float(np.sqrt(weights.mean()))
     every = np.arange(len(cloud.points))
-    return _Look(signs, outward, votes, quality, cut, complex_, every, spacing, spacing, turned)
+    return _Look(signs, outward, votes, quality, cut, complex_, every, spacing, spacing, turned, wire)
 
 
 def _look_at_samples(dense: DenseCloud, cloud: _Cloud) -> _Look:
@@ -221,7 +229,7 @@ def _look_at_samples(dense: DenseCloud, cloud: _Cloud) -> _Look:
     )
 
 
-def _outward(cloud: _Cloud, local: LocalGeometry) -> tuple[Signs, Floats, DelaunayComplex]:
+def _outward(cloud: _Cloud, local: LocalGeometry, wire: WireReading | None) -> tuple[Signs, Floats, DelaunayComplex]:
     """Outward normals (N, 3) of all points, where their signs came from, and the tetrahedra built on the way."""
     given = cloud.normals
     source: SignSource = "none" if given is None else "axes"
@@ -233,6 +241,9 @@ def _outward(cloud: _Cloud, local: LocalGeometry) -> tuple[Signs, Floats, Delaun
             source, sign = ("given", 1.0) if kind == "outward" else ("reversed", -1.0)
             return Signs(source, confirmed, None), sign * given, complex_
         source = "contradictory"
+    if wire is not None:
+        outward = wire.normals if given is None else _signed(given, wire.normals)
+        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings)
     found = orient_samples(cloud.points, local)
     outward = found.normals if given is None else _signed(given, found.normals)
     return Signs(source, confirmed, found.coverage), outward, found.complex_
@@ -248,6 +259,11 @@ def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given:
     return normals if given is None else _signed(given, normals)
 
 
+def _as_wire(witness: Witness, wire: WireReading) -> Witness:
+    """The same evidence with the integer of a thickened graph."""
+    return replace(witness, euler=wire.euler, components=wire.components, cavities=0, surface=None, wire=wire)
+
+
 def _second_look(witness: Witness, points: Floats) -> Witness:
     """Where noise exceeds the spacing and the votes contradict each other, look again at smoothed points.
 
@@ -258,7 +274,7 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
     if not noisy or len(points) <= _WIDE or witness.preparation == "sampled":
         return witness
     again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=False)
-    if again.agreement < _UNANIMOUS:
+    if again.agreement < _UNANIMOUS or again.wire is not None:
         return witness
     return replace(
         witness,
@@ -267,7 +283,7 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
         components=again.components,
         cavities=again.cavities,
         resolution=witness.resolution * _WIDE**0.5,
-        faces=witness.faces[:0],
+        surface=None,
     )
 
 

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.draws import stratified_draw
 from topokit.core.grid.grid import Grid
 
+Floats = NDArray[np.float64]
+Evaluate = Callable[[Tensor], Tensor]
 ValueAndGradient = Callable[[Tensor], tuple[Tensor, Tensor]]
 _STEPS = 40
+_CROSSING_STEPS = 4  # of the Illinois method; on smooth fields the error is then far below a millionth of a cell
+_CHUNK = 1 << 16  # points per call of the field
 
 
 def area_weighted_starts(
@@ -134,6 +140,38 @@ def _bisect(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: 
         high = torch.where(to_high[:, None], middle, high)
         low = torch.where(to_high[:, None], low, middle)
     return (low + high) / 2, (low_value > 0) != (high_value > 0)
+
+
+def edge_crossings(evaluate: Evaluate, low: Floats, high: Floats, low_value: Floats, high_value: Floats) -> Floats:
+    """Where a field is zero on segments at whose ends it has opposite signs, by the Illinois method.
+
+    Args:
+        evaluate: maps (N, 3) float64 positions to values (N,).
+        low: (N, 3), one end.
+        high: (N, 3), the other end.
+        low_value: (N,), the values at the first.
+        high_value: (N,), the values at the second.
+
+    Returns:
+        (N,), shares of the way from low to high; within 0 … 1 whatever the field does in between.
+
+    Reference:
+        M. Dowell, P. Jarratt, "A modified regula falsi method", BIT 11, 1971, doi:10.1007/BF01934364.
+    """
+    begin, end = np.zeros(len(low)), np.ones(len(low))
+    at_begin, at_end = low_value.copy(), high_value.copy()
+    moved_end = np.zeros(len(low))  # 1 and −1: the end, or the beginning, was moved last
+    share = at_begin / (at_begin - at_end)
+    for _ in range(_CROSSING_STEPS):
+        places = torch.from_numpy(low + share[:, None] * (high - low))
+        value = torch.cat([evaluate(part).cpu().double() for part in places.split(_CHUNK)]).numpy()
+        side = np.where((value > 0) == (at_end > 0), 1, -1)
+        at_begin = np.where(side > 0, np.where(moved_end > 0, at_begin / 2, at_begin), value)
+        at_end = np.where(side > 0, value, np.where(moved_end < 0, at_end / 2, at_end))
+        begin, end, moved_end = np.where(side > 0, begin, share), np.where(side > 0, share, end), side
+        secant = begin + (end - begin) * at_begin / (at_begin - at_end)
+        share = np.where(np.isfinite(secant), secant, (begin + end) / 2)  # the field may be infinite in between
+    return share
 
 
 def implicit_point(value: Tensor, point: Tensor, gradient: Tensor) -> Tensor:

@@ -114,7 +114,7 @@ def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
         vertices = cell_vertices(own_sheet)
         return normals, has_gap(tangent, vertices), exact_cell_areas(own_sheet, vertices)[0]
 
-    normals, gap, areas = in_chunks(local, len(points), points.device)
+    normals, gap, areas = in_chunks(local, len(points), points.device, neighbors.shape[1])
     rim = gap & (gap[neighbors].sum(-1) >= _SUPPORT)  # boundaries are curves: a rim point has rim points beside it
     spacing = float(areas.mean().sqrt())
     return BoundaryEstimate(boundary_curves(points, normals, rim, spacing), float(rim.double().mean()), spacing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
+from typing import Literal, get_args
 
 import torch
 from torch import Tensor
@@ -11,13 +12,19 @@ from torch import Tensor
 from topokit.core.chunks import in_chunks
 from topokit.core.linalg import determinant, eigenvalues, eigenvectors, normalize, tangent_basis, trace
 from topokit.core.local.frames import normals_from_neighbors
+from topokit.core.local.quadric import fit_quadrics
 from topokit.core.local.voronoi import AreaMethod, cell_areas
 from topokit.core.local.weingarten import Solver, weingarten_map
 from topokit.core.neighbors import merged_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.errors import InputError
 
+NormalMethod = Literal["pca", "quadric"]
+
 DEFAULT_NEIGHBORS = 20
+"""Number of neighbors on clean samples, and of everything behind a verdict."""
+
+CELL_NEIGHBORS = 32  # the nearest, among which a Voronoi cell is found; it has six sides on average, rarely twelve
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,9 @@ class CurvatureSettings:
 
     Attributes:
         n_neighbors: k, number of nearest neighbors; more smooths more.
+        normal_method: how normals are estimated where the samples have none. "pca" is the paper's plane of least
+            spread; "quadric" the normal of a quadric fitted over it, which curvature does not tilt where a neighborhood
+            is lopsided.
         solver: least-squares method for the Weingarten map, see `weingarten_map`.
         area_method: Voronoi cells "exact" or by "monte-carlo", see `cell_areas`; unused where the samples bring areas.
         area_resolution: points per side of the Monte Carlo grid.
@@ -35,11 +45,14 @@ class CurvatureSettings:
     solver: Solver = "sylvester"
     area_method: AreaMethod = "exact"
     area_resolution: int = 32
+    normal_method: NormalMethod = "pca"
 
     def __post_init__(self) -> None:
         enough_neighbors(self.n_neighbors)
         if not isinstance(self.area_resolution, Integral) or self.area_resolution < 2:
             raise InputError(f"area_resolution is {self.area_resolution!r}; an integer of at least 2 is needed.")
+        if self.normal_method not in get_args(NormalMethod):
+            raise InputError(f"normal method {self.normal_method!r} is unknown; use 'pca' or 'quadric'.")
 
 
 DEFAULT_SETTINGS = CurvatureSettings()
@@ -98,7 +111,7 @@ def surface_curvature(
     if neighbors is None:
         neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
     flat, merged = samples.flat(), merged_neighbors(neighbors)
-    normals = _unit_normals(flat, merged)
+    normals = _unit_normals(flat, merged, settings.normal_method)
 
     def local(rows: Tensor) -> tuple[Tensor, ...]:
         offsets = at_neighbors(flat.points, merged, rows) - flat.points[rows].unsqueeze(-2)  # (m, k, 3)
@@ -111,10 +124,12 @@ def surface_curvature(
         tangent = tangent * same_sheet
         shape_operator = weingarten_map(tangent, change, settings.solver)
         symmetric = (shape_operator + shape_operator.mT) / 2
-        areas, is_open = cell_areas(tangent, settings.area_method, settings.area_resolution)
+        areas, is_open = cell_areas(tangent[:, :CELL_NEIGHBORS], settings.area_method, settings.area_resolution)
         return shape_operator, eigenvalues(symmetric), eigenvectors(symmetric) @ frames[:, :2], areas, is_open
 
-    shape_operator, principal, directions, areas, is_open = in_chunks(local, len(merged), merged.device)
+    shape_operator, principal, directions, areas, is_open = in_chunks(
+        local, len(merged), merged.device, merged.shape[1]
+    )
     lead = samples.points.shape[:-1]
     return Curvature(
         gaussian=determinant(shape_operator).reshape(lead),
@@ -150,13 +165,14 @@ def tangent_neighbors(offsets: Tensor, frames: Tensor) -> tuple[Tensor, Tensor]:
     return coordinates[..., :2], height * height <= x * x + y * y
 
 
-def _unit_normals(flat: SurfaceSamples, neighbors: Tensor) -> Tensor:
-    """Unit normals (B·N, 3): those of the samples, or estimated by local PCA."""
+def _unit_normals(flat: SurfaceSamples, neighbors: Tensor, method: NormalMethod) -> Tensor:
+    """Unit normals (B·N, 3): those of the samples, or estimated."""
     known = flat.known_normals()
     if known is not None:
         return known if flat.frames is not None else normalize(known)
 
     def local(rows: Tensor) -> tuple[Tensor]:
-        return (normals_from_neighbors(at_neighbors(flat.points, neighbors, rows) - flat.points[rows].unsqueeze(-2)),)
+        offsets = at_neighbors(flat.points, neighbors, rows) - flat.points[rows].unsqueeze(-2)
+        return (normals_from_neighbors(offsets) if method == "pca" else fit_quadrics(offsets).normals(),)
 
-    return in_chunks(local, len(neighbors), neighbors.device)[0]
+    return in_chunks(local, len(neighbors), neighbors.device, neighbors.shape[1])[0]

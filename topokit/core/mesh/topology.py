@@ -27,7 +27,7 @@ class MeshTopology:
         boundary_loops: closed boundary curves in all, as they are once pinched vertices are taken apart.
         boundary_edges, nonmanifold_edges: edges with one face; with three or more.
         pinched_vertices: vertices whose faces form more than one fan.
-        flipped_faces: faces against the majority's orientation in their component.
+        flipped: (F,) faces against the majority's orientation in their component, as given.
         inward_components: closed components whose faces point into the solid as given.
         is_orientable: whether one consistent orientation exists.
         faces: (F, 3) the faces used, oriented consistently and outward (out of the solid) where that is possible.
@@ -40,11 +40,16 @@ class MeshTopology:
     boundary_edges: int
     nonmanifold_edges: int
     pinched_vertices: int
-    flipped_faces: int
+    flipped: Booleans
     inward_components: int
     is_orientable: bool
     faces: Integers
     face_labels: Integers
+
+    @property
+    def flipped_faces(self) -> int:
+        """Number of faces against the majority's orientation in their component."""
+        return int(self.flipped.sum())
 
     @property
     def is_manifold(self) -> bool:
@@ -100,7 +105,7 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
         boundary_edges=mesh.boundary_edges,
         nonmanifold_edges=mesh.nonmanifold_edges,
         pinched_vertices=len(mesh.pinched),
-        flipped_faces=int(flip.sum()),
+        flipped=flip,
         inward_components=int(inward.sum()),
         is_orientable=bool(orientable.all()),
         faces=_turned(oriented, inward[labels]),

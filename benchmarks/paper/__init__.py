@@ -1,0 +1,1 @@
+"""The experiments behind docs/paper-tables.md, one subcommand of `benchmarks/paper_tables.py` per file."""

@@ -1,0 +1,109 @@
+"""Pictures: curvature of Kitten and Genus6, a Voronoi cell, convergence of self-optimization, a barcode beside χ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import topokit as tk
+from benchmarks.paper.persistence import alpha
+from benchmarks.paper.self_optimization import TARGET, curves
+from benchmarks.paper.shapes import Mesh, read, samples
+from benchmarks.paper.tables import Options, Table, installed, missing
+from topokit.core.linalg import tangent_basis
+from topokit.core.local.curvature import at_neighbors, tangent_neighbors
+from topokit.testing import genus_mesh, torus_samples
+
+NAME = "paper-tables.png"
+
+
+def draw_curvature(axes: Any, name: str, mesh: Mesh, n: int) -> None:
+    """Samples colored by K, clipped at its 5th and 95th percentile."""
+    points = samples(mesh, n, 0)[0]
+    gaussian = tk.from_points(points).curvature().gaussian
+    bound = float(gaussian.abs().quantile(0.9))
+    x, y, z = points.T.numpy()
+    axes.scatter(x, z, y, c=gaussian.clamp(-bound, bound).numpy(), cmap="coolwarm", s=1.5, linewidths=0)
+    axes.set_box_aspect(np.ptp(points.numpy(), axis=0)[[0, 2, 1]])
+    axes.set_axis_off()
+    axes.set_title(name, fontsize=9)
+
+
+def draw_cell(axes: Any) -> None:
+    """The neighbors of one sample in its tangent plane and its Voronoi cell."""
+    from scipy.spatial import Voronoi
+
+    known = torus_samples(2_000)
+    local = tk.from_points(known.points, known.normals).curvature()
+    row = torch.tensor([0])
+    offsets = at_neighbors(known.points, local.neighbors, row) - known.points[:1]
+    tangent, _ = tangent_neighbors(offsets, tangent_basis(known.normals[:1], offsets[:, -1]))
+    plane = np.concatenate((np.zeros((1, 2)), tangent[0].numpy()))
+    diagram = Voronoi(plane)
+    cell = diagram.vertices[diagram.regions[diagram.point_region[0]]]
+    axes.fill(*cell.T, color="#f0a050", alpha=0.6)
+    axes.scatter(*plane[1:].T, s=8, color="#3060a0")
+    axes.scatter(0, 0, s=16, color="black")
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+    axes.set_title(f"Voronoi cell in the tangent plane, A = {float(local.area[0]):.4f}", fontsize=9)
+
+
+def draw_convergence(axes: Any, options: Options) -> None:
+    """χ over the steps of self-optimization."""
+    for name, (found, _) in curves(options).items():
+        axes.plot(found.history.numpy(), label=name, marker="o" if name == "Polyak" else None, markersize=3)
+    axes.axhline(TARGET, color="gray", linewidth=0.5)
+    axes.set_xlabel("step", fontsize=8)
+    axes.set_ylabel("χ", fontsize=8)
+    axes.legend(fontsize=6)
+    axes.set_title("self-optimization, genus 3", fontsize=9)
+
+
+def draw_barcode(axes: Any, n: int) -> None:
+    """The longest bars of dimension 1 of a genus-3 cloud's alpha complex, and what topokit says of it."""
+    points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
+    bars = alpha(points)[1]
+    bars = bars[np.argsort(bars[:, 1] - bars[:, 0])[::-1]][:20]
+    axes.hlines(np.arange(len(bars)), bars[:, 0], bars[:, 1], color="#3060a0")
+    axes.invert_yaxis()
+    axes.set_xlabel("α", fontsize=8)
+    axes.set_title(f"20 longest bars; χ⁽⁰⁾ = {float(tk.from_points(points).euler()):.2f}, χ = −4", fontsize=9)
+
+
+def draw(options: Options, path: Path) -> None:
+    """All panels into one file."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    n = 2_000 if options.quick else 10_000
+    meshes = {"genus 3": Mesh(*genus_mesh(3), process=False)}
+    if options.data is not None:
+        folder = options.data / "meshes"
+        meshes = {"Kitten": read(folder / "paper_Kitten.obj"), "Genus6surface": read(folder / "paper_Genus6.obj")}
+    figure = pyplot.figure(figsize=(11, 6.5), dpi=110)
+    for number, (name, mesh) in enumerate(meshes.items()):
+        draw_curvature(figure.add_subplot(2, 3, number + 1, projection="3d"), f"{name}, K without normals", mesh, n)
+    draw_cell(figure.add_subplot(2, 3, 3))
+    draw_convergence(figure.add_subplot(2, 3, 4), options)
+    if installed("gudhi"):
+        draw_barcode(figure.add_subplot(2, 3, 5), n)
+    figure.tight_layout()
+    figure.savefig(path)
+
+
+def tables(options: Options) -> list[Table]:
+    """The picture, and a note of where it is."""
+    table = Table("Figures", [])
+    if not installed("matplotlib"):
+        table.notes.append(missing("matplotlib", "figures"))
+        return [table]
+    options.pictures.mkdir(parents=True, exist_ok=True)
+    draw(options, options.pictures / NAME)
+    table.notes.append(f"Written: {NAME}.")
+    return [table]

@@ -1,0 +1,101 @@
+"""The command as a process: a pipe that closes, an interrupt, several processes, a terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+TOPOKIT = [sys.executable, "-m", "topokit"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Many copies of a sphere and a broken file."""
+    for number in range(30):
+        shutil.copy(DATA / "sphere.ply", tmp_path / f"{number:02}.ply")
+    shutil.copy(DATA / "truncated.stl", tmp_path / "99.stl")
+    return tmp_path
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_pipe_that_closes_ends_quietly(folder: Path, jobs: str) -> None:
+    command = [*TOPOKIT, "report", folder, "--jsonl", "--jobs", jobs]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        first = json.loads(process.stdout.readline())
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait(timeout=120)) == (b"", 1)
+    assert first["euler"] == 2
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs: str) -> None:
+    files = [folder] * 400
+    command = [*TOPOKIT, "report", *files, "--json", "--jobs", jobs]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        beginning = b"".join(process.stdout.readline() for _ in range(500))
+        os.killpg(process.pid, signal.SIGINT)
+        rest, errors = process.stdout.read(), process.stderr.read()
+    assert process.returncode == 130
+    assert b"Traceback" not in errors
+    assert len(json.loads(beginning + rest)) >= 5
+
+
+def test_two_processes_give_the_same_lines(folder: Path) -> None:
+    found = [
+        subprocess.run([*TOPOKIT, "euler", folder, "--jobs", jobs], capture_output=True, text=True, timeout=240)
+        for jobs in ("1", "2")
+    ]
+    assert found[0].stdout == found[1].stdout
+    assert found[0].stderr == found[1].stderr
+    assert len(found[0].stdout.splitlines()) == 30
+    assert [one.returncode for one in found] == [1, 1]
+
+
+def on_a_terminal(*arguments: object, columns: int) -> tuple[int, str]:
+    """Exit code of the command on a terminal, and all that it wrote there."""
+    import pty  # exists where there are such terminals
+    import termios
+
+    terminal, its_side = pty.openpty()
+    termios.tcsetwinsize(its_side, (24, columns))
+    variables = {**os.environ, "TERM": "xterm-256color"}
+    command = [*TOPOKIT, *map(str, arguments)]
+    process = subprocess.Popen(command, stdin=its_side, stdout=its_side, stderr=its_side, env=variables)
+    os.close(its_side)
+    written = b""
+    try:
+        while part := os.read(terminal, 1 << 16):
+            written += part
+    except OSError:  # how a terminal says that nobody writes any more
+        pass
+    os.close(terminal)
+    return process.wait(timeout=120), written.decode()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such terminals")
+def test_a_terminal_shows_a_table_and_the_progress(folder: Path) -> None:
+    started = time.perf_counter()
+    code, written = on_a_terminal("report", folder, columns=50)
+    assert code == 1
+    assert time.perf_counter() - started < 240
+    assert "\x1b[32mcertain\x1b[0m" in written
+    assert "0/31" in written
+    assert "failed" in written
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", written).replace("\r", "\n")
+    rows = [line for line in plain.splitlines() if re.search(r"\.ply +certain", line)]
+    assert len(rows) == 30
+    assert max(map(len, rows)) <= 50

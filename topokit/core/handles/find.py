@@ -1,0 +1,123 @@
+"""The handles of a closed surface: for each a short loop that bounds inside and one that bounds outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from topokit.core.handles.cycle_basis import CycleBasis, edge_graph
+from topokit.core.handles.linking import decided_basis
+from topokit.core.handles.short_loops import SurfaceLoop, short_loops
+from topokit.core.handles.straightening import straightened
+from topokit.core.mesh.topology import MeshTopology
+from topokit.errors import InputError
+
+Integers = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FoundLoop:
+    """One loop, along edges and made straight across faces.
+
+    Attributes:
+        vertices: (N,) in order along edges of the mesh, the first not repeated.
+        corners: (M, 3) in order on the surface, the first not repeated.
+        length: of the polygon through the corners.
+    """
+
+    vertices: Integers
+    corners: Floats
+    length: float
+
+
+@dataclass(frozen=True, eq=False)
+class FoundHandle:
+    """One handle.
+
+    Attributes:
+        inside: a loop that bounds on the side that normals point away from.
+        outside: a loop that bounds on the side to which normals point, and crosses the other.
+        component: of the surface.
+    """
+
+    inside: FoundLoop
+    outside: FoundLoop
+    component: int
+
+    @property
+    def size(self) -> float:
+        """Length of the shorter loop."""
+        return min(self.inside.length, self.outside.length)
+
+
+def find_handles(vertices: Floats, topology: MeshTopology) -> list[FoundHandle]:
+    """The handles of a closed mesh, smallest first.
+
+    The loops of each side are a basis of the classes that bound there; both together are a basis of all. Each component
+    is looked at as if the others were not there.
+
+    Args:
+        vertices: (V, 3).
+        topology: of the mesh, which is closed.
+
+    Raises:
+        InputError: if a component intersects itself, so that inside and outside are not defined.
+    """
+    found = []
+    for component in np.flatnonzero(topology.components.genera > 0):
+        used, faces = np.unique(topology.faces[topology.face_labels == component], return_inverse=True)
+        found += _handles_of(vertices[used], faces.reshape(-1, 3), used, int(component))
+    return sorted(found, key=_size)
+
+
+def _size(handle: FoundHandle) -> float:
+    return handle.size
+
+
+def _handles_of(vertices: Floats, faces: Integers, names: Integers, component: int) -> list[FoundHandle]:
+    """The handles of one component whose vertices have other names in the whole mesh."""
+    decided = decided_basis(vertices, edge_graph(vertices, faces))
+    if decided is None:
+        raise InputError(
+            f"component {component} of the surface intersects itself, so that its inside and outside are not defined "
+            "and its handles cannot be told from its tunnels: remove the self-intersections first."
+        )
+    basis, projector = decided
+    inside, outside = short_loops(basis, projector)
+    corners = straightened(vertices, faces, [loop.vertices for loop in (*inside, *outside)])
+    loops = [
+        FoundLoop(names[loop.vertices], polygon, _perimeter(polygon))
+        for loop, polygon in zip((*inside, *outside), corners, strict=True)
+    ]
+    pairs = _pairs(basis, inside, outside, [loop.length for loop in loops])
+    return [FoundHandle(loops[i], loops[len(inside) + j], component) for i, j in pairs]
+
+
+def _perimeter(polygon: Floats) -> float:
+    return float(np.linalg.norm(np.roll(polygon, -1, axis=0) - polygon, axis=1).sum())
+
+
+def _pairs(
+    basis: CycleBasis, inside: list[SurfaceLoop], outside: list[SurfaceLoop], lengths: list[float]
+) -> list[tuple[int, int]]:
+    """Loops inside and outside that cross each other once, of similar length where there is a choice.
+
+    The numbers of crossings form a matrix of determinant ±1, so a pairing of loops that cross always exists; one in
+    which some cross more than once is taken only if there is no other.
+    """
+    crossings = intersection_numbers(basis, inside, outside)
+    sizes = np.array(lengths)
+    cost = np.maximum.outer(sizes[: len(inside)], sizes[len(inside) :]) / sizes.max()
+    worst = 1.0 + len(inside)
+    cost += np.select([np.abs(crossings) == 1, crossings != 0], [0.0, worst], worst * worst)
+    return [(int(i), int(j)) for i, j in zip(*linear_sum_assignment(cost), strict=True)]
+
+
+def intersection_numbers(basis: CycleBasis, first: list[SurfaceLoop], second: list[SurfaceLoop]) -> Integers:
+    """How often each loop of one list crosses each of another (m, n), signed."""
+    own, other = (np.stack([loop.own_class for loop in loops]) for loops in (first, second))
+    return own @ basis.intersections @ other.T

@@ -1,0 +1,106 @@
+"""Handles of a shape as users see them: where they are, how large, and the mesh without them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.components import Corner
+from topokit.core.handles.find import FoundHandle, find_handles
+from topokit.core.handles.repair import without_loops
+from topokit.core.mesh.topology import mesh_topology
+
+if TYPE_CHECKING:
+    import trimesh
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Handle:
+    """One handle of a closed surface, as two closed curves that cross each other.
+
+    Attributes:
+        handle_loop: (N, 3) corners of the curve that bounds inside the solid: it runs around the handle. The first is
+            not repeated.
+        tunnel_loop: (M, 3) corners of the curve that bounds outside: it runs around the tunnel.
+        handle_length: of `handle_loop`, in units of the vertices.
+        tunnel_length: of `tunnel_loop`.
+        bounds: lowest and highest corner of the box around both.
+        component: index into the report's `per_component`.
+    """
+
+    handle_loop: Floats
+    tunnel_loop: Floats
+    handle_length: float
+    tunnel_length: float
+    bounds: tuple[Corner, Corner]
+    component: int
+    _found: FoundHandle = field(repr=False)
+    _mesh: tuple[Floats, Integers] = field(repr=False)
+
+    @property
+    def size(self) -> float:
+        """Length of the shorter curve."""
+        return min(self.handle_length, self.tunnel_length)
+
+    def __repr__(self) -> str:
+        return (
+            f"Handle(handle_length={self.handle_length:.4g}, tunnel_length={self.tunnel_length:.4g}, "
+            f"bounds={self.bounds}, component={self.component})"
+        )
+
+    def cut(self) -> trimesh.Trimesh:
+        """The surface cut through along the handle loop, with both ends closed: one handle less.
+
+        The cut follows the edges nearest to the loop. Its vertices are doubled and draw back a little to their sides;
+        no other vertex moves, and the order of vertices and faces is kept.
+
+        Raises:
+            InputError: if the mesh is too coarse for the loop.
+        """
+        return self._without(self._found.inside.vertices)
+
+    def fill(self) -> trimesh.Trimesh:
+        """The surface with the tunnel closed by a wall at the tunnel loop: one handle less; otherwise as `cut`.
+
+        Raises:
+            InputError: if the mesh is too coarse for the loop.
+        """
+        return self._without(self._found.outside.vertices)
+
+    def _without(self, loop: Integers) -> trimesh.Trimesh:
+        import trimesh
+
+        return trimesh.Trimesh(*without_loops(*self._mesh, [loop]), process=False)
+
+
+def handles_of(vertices: Floats, faces: Integers) -> tuple[Handle, ...]:
+    """The handles of a closed surface, smallest first.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3), closed, manifold and facing out of the solid.
+    """
+    topology = mesh_topology(vertices, faces)
+    mesh = vertices, topology.faces
+    return tuple(_public(found, mesh) for found in find_handles(vertices, topology))
+
+
+def _public(found: FoundHandle, mesh: tuple[Floats, Integers]) -> Handle:
+    corners = np.concatenate((found.inside.corners, found.outside.corners))
+    low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
+    return Handle(
+        handle_loop=found.inside.corners,
+        tunnel_loop=found.outside.corners,
+        handle_length=found.inside.length,
+        tunnel_length=found.outside.length,
+        bounds=(tuple(low), tuple(high)),
+        component=found.component,
+        _found=found,
+        _mesh=mesh,
+    )

@@ -1,0 +1,1 @@
+"""Meshes with simpler topology: small handles removed, boundaries filled."""

@@ -32,7 +32,8 @@ class ShapeData:
 
     Tensors given as samples are not copied: after an in-place change, such as an optimizer step, everything is measured
     anew. What is made or counted from other tensors (vertices, volumes, networks) is made once. `Shape` describes
-    the attributes.
+    the attributes. An adapter may also give `surface`, which makes the closed surface of its representation, and
+    `defects`, which finds faults; without `surface` it is the mesh, or that of the global witness.
     """
 
     field: Field | None

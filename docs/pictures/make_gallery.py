@@ -20,8 +20,9 @@ SIDE = 360
 HEAD = """\
 # Gallery
 
-Written by `python docs/pictures/make_gallery.py`: `shape.picture()` of shapes of every kind, colored by Gaussian curvature
-(blue negative, white zero, red positive), each with the first line of its report. All of it runs on the CPU, without a display.
+Written by `python docs/pictures/make_gallery.py`: `shape.picture()` of shapes of every kind, colored by Gaussian
+curvature (blue negative, white zero, red positive), each with the first line of its report. All of it runs on the
+CPU, without a display.
 """
 
 

@@ -189,7 +189,7 @@ def said(found: Result) -> str:
         (("--fail-on", "ugly"), "--fail-on: 'ugly' is no condition; expected certain, likely, unsure, open,"),
         (("--format", "stl"), "--format is that of standard input: give - as FILE, once."),
         (("--json", "--jsonl"), "--json and --jsonl exclude each other."),
-        (("--jobs", "-1"), "-1 is not in the range x>=0."),
+        (("--jobs", "-1"), "should be greater than or equal to 0"),
     ],
 )
 def test_values_that_cannot_be_used_are_usage_errors(files: Path, options: tuple[str, ...], message: str) -> None:

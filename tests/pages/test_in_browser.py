@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,10 +14,7 @@ from PIL import Image
 
 import topokit as tk
 from topokit.export.picture import MARK_COLORS
-from topokit.export.scene import Mark, scene_of
-from topokit.pages import Entry, Fragment, page_of, write_html
-from topokit.pages.details import details_html
-from topokit.pages.geometry import pack
+from topokit.pages import Entry, page_of, write_html
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 
 if TYPE_CHECKING:
@@ -26,20 +22,9 @@ if TYPE_CHECKING:
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>.obj"
 OFFSET = np.array([500.0, -20.0, 3.0])
-ANGLE = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-AROUND_TUBE = np.stack((1 + 0.4 * np.cos(ANGLE), 0 * ANGLE, 0.4 * np.sin(ANGLE)), axis=1) + OFFSET
-MARKS = (
-    Mark("handle", "handle loop 1", AROUND_TUBE, "loop"),
-    Mark("defect", "a pinched vertex", OFFSET[None] + (0, 1.4, 0), "dots"),
-)
-
-
-def torus_fragment() -> Fragment:
-    vertices, faces = torus_mesh()
-    shape = tk.from_mesh((vertices + OFFSET, faces))
-    scene = scene_of(shape, MARKS, max_faces=20_000, max_points=100)
-    made = page_of(shape, shape.report())
-    return replace(made, details=details_html(shape.report(), MARKS, "A note on the view."), scene=pack(scene))
+VERTICES, FACES = torus_mesh()
+TORUS = tk.from_mesh(VERTICES + OFFSET, FACES)
+TORN = tk.from_mesh(VERTICES + OFFSET, FACES[1:])
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +35,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tk.from_mesh(genus_mesh(12, resolution=12)),
         tk.from_points(sphere_samples(2_000).points),
     )
-    entries = [Entry("torus", torus_fragment(), seconds=2.0)]
+    entries = [Entry("torus", page_of(TORUS, TORUS.report(locate=True)), seconds=2.0)]
     entries += [Entry(f"{i}.obj", page_of(shape, shape.report()), seconds=10.0 * i) for i, shape in enumerate(shapes)]
     entries.append(Entry(HOSTILE, None, error=f"{HOSTILE} is empty"))
     write_html(entries, path)
@@ -83,26 +68,41 @@ def test_the_table_sorts_and_filters(page: Page) -> None:
     page.fill("#filter", "genus>0 χ<=0")
     assert names(page) == ["torus", "1.obj"]
     assert page.text_content("#shown") == "2 of 5 shown"
-    page.fill("#filter", "pinched nothing")
+    page.fill("#filter", "no such words")
     assert names(page) == []
     page.fill("#filter", "")
     page.click("#verdicts .certain")
     assert names(page) == ["2.obj", HOSTILE]
 
 
+def middle(points: np.ndarray) -> np.ndarray:
+    return (points.min(axis=0) + points.max(axis=0)) / 2
+
+
 def test_a_click_centers_a_handle(page: Page) -> None:
     page.click("text=torus")
     page.wait_for_selector("#canvas[data-target]")
     np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
-    page.click("text=handle loop 1")
-    page.wait_for_selector("#canvas[data-chosen='0']")
-    page.wait_for_timeout(1_500)
-    np.testing.assert_allclose(target(page), MARKS[0].center, atol=2e-3)
-    page.click("text=a pinched vertex")
-    page.wait_for_timeout(1_500)
-    np.testing.assert_allclose(target(page), MARKS[1].center, atol=2e-3)
+    [handle] = TORUS.handles()
+    for number, loop in enumerate((handle.handle_loop, handle.tunnel_loop)):
+        page.click(f"text={('handle', 'tunnel')[number]} loop")
+        page.wait_for_selector(f"#canvas[data-chosen='{number}']")
+        page.wait_for_timeout(1_500)
+        np.testing.assert_allclose(target(page), middle(loop), atol=2e-3)
+    assert np.abs(middle(handle.handle_loop) - OFFSET).max() > 0.5, "the handle loop is on one side of the torus"
     page.click("text=Whole")
     np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
+
+
+def test_a_click_centers_a_boundary(tmp_path: Path) -> None:
+    TORN.save_html(tmp_path / "torn.html")
+    [boundary] = TORN.boundaries()
+    with opened_page() as (page, complaints):
+        page.goto((tmp_path / "torn.html").as_uri())
+        page.click("text=boundary 1")
+        page.wait_for_timeout(1_500)
+        np.testing.assert_allclose(target(page), middle(boundary.points), atol=2e-3)
+        assert complaints == []
 
 
 def test_the_view_shows_the_surface_and_its_lines(page: Page) -> None:

@@ -114,7 +114,7 @@ def report(
         request,
         writer,
         details=details,
-        locate=locate,
+        locate=locate or html is not None,
         with_report=needs_report,
         output=output,
         html=html,

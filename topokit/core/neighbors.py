@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
@@ -14,6 +15,7 @@ from topokit.core.labels import connected_labels
 from topokit.core.samples import enough_neighbors
 from topokit.errors import InputError
 
+_SAMPLE = 1000  # points among which coinciding ones are looked for
 _CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
 
 
@@ -76,19 +78,37 @@ def neighbor_components(neighbors: Tensor) -> Tensor:
 
 def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
     coordinates = points.double().numpy()
-    tree = cKDTree(coordinates, balanced_tree=False, compact_nodes=False)
-    order = tree.indices  # neighboring queries share their way down the tree: twice as fast for 100 000 points
+    rows = _without_many_copies(coordinates, n_neighbors + 1)
+    tree = cKDTree(coordinates[rows], balanced_tree=False, compact_nodes=False)
+    is_whole = len(rows) == len(coordinates)
+    order = tree.indices if is_whole else np.arange(len(coordinates))  # in tree order 100 000 queries are twice as fast
     _, in_order = tree.query(coordinates[order], n_neighbors + 1, workers=-1)
-    found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
-    found[order] = in_order
-    if found.max() == len(found):  # what SciPy returns for a neighbor at infinite distance
+    if in_order.max() == len(rows):  # what SciPy returns for a neighbor at infinite distance
         raise InputError("the coordinates are too large for distances between points: scale them down.")
+    found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
+    found[order] = in_order if is_whole else rows[in_order]
     own = np.arange(len(found))[:, None]
     if (found[:, :1] == own).all():
         return torch.from_numpy(found)[:, 1:]
     itself = found == own  # duplicates may come before the point itself
     itself[~itself.any(axis=1), -1] = True  # more duplicates than neighbors: drop the last
     return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors))
+
+
+def _without_many_copies(coordinates: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Indices of all points, or of at most `most` at each place where a sample shows that many coincide.
+
+    Points in one place cannot be told apart by a tree, so that queries among them would take quadratic time.
+    """
+    count = len(coordinates)
+    sample = coordinates[:: max(1, count // _SAMPLE)]
+    if count <= _SAMPLE or 2 * len(np.unique(sample, axis=0)) > len(sample):
+        return np.arange(count)
+    place = np.unique(coordinates, axis=0, return_inverse=True)[1].ravel()
+    order = np.argsort(place, kind="stable")
+    is_first = np.append(True, place[order][1:] != place[order][:-1])
+    start = np.maximum.accumulate(np.where(is_first, np.arange(count), 0))
+    return np.sort(order[np.arange(count) - start < most])
 
 
 def _exact(points: Tensor, n_neighbors: int) -> Tensor:

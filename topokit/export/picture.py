@@ -65,8 +65,8 @@ def _surface(scene: Scene, faces: Integers, n_surfels: int) -> Surfels:
 def _points(scene: Scene) -> Surfels:
     """A disc for every point, wide enough to meet its neighbors."""
     distances, _ = cKDTree(scene.positions).query(scene.positions, min(6, len(scene.positions)))
-    radius = 0.9 * float(np.median(distances[:, -1]))
-    return disc_surfels(scene.positions, scene.normals, colors_of(scene) / 255, radius, n_each=24)
+    radius = np.minimum(distances[:, -1], 2 * np.median(distances[:, -1]))[:, None, None]
+    return disc_surfels(scene.positions, scene.normals, colors_of(scene) / 255, radius, n_each=36)
 
 
 def _tube(mark: Mark, size: float) -> Surfels:

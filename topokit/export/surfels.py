@@ -48,8 +48,10 @@ def mesh_surfels(
     return Surfels(points, unit(directions), tints)
 
 
-def disc_surfels(centers: Floats, normals: Floats, colors: Floats, radius: float, n_each: int = 150) -> Surfels:
-    """Surfels on a disc around each center, perpendicular to its normal."""
+def disc_surfels(
+    centers: Floats, normals: Floats, colors: Floats, radius: Floats | float, n_each: int = 150
+) -> Surfels:
+    """Surfels on a disc around each center, perpendicular to its normal; one radius, or an array (N, 1, 1)."""
     draw = np.random.default_rng(0)
     helper = np.eye(3)[np.abs(normals).argmin(1)]
     right = unit(np.cross(normals, helper))

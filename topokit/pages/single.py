@@ -105,7 +105,7 @@ def shape_html(shape: Reportable, known: TopologyReport | None, *, draw: bool) -
 
 
 def _entry(shape: Reportable) -> Entry:
-    fragment = page_of(shape, shape.report(), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
+    fragment = page_of(shape, shape.report(locate=True), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Entry(shape.name, fragment)
 
 

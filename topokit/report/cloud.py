@@ -19,7 +19,7 @@ from topokit.core.local.curvature import Curvature
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
-from topokit.report.cloud_wording import check_sentences, preparation_sentences
+from topokit.report.cloud_wording import check_sentences, far_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, wire_checks
@@ -51,7 +51,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     return replace(
         report,
         name=name,
-        reasons=(*deciding, *notes, *others, _curvature_sentence(found)),
+        reasons=(*deciding, *notes, *far_sentences(found.n_far), *others, _curvature_sentence(found)),
         evidence=(estimate, *votes),
         estimate=estimate.value,
     )
@@ -189,7 +189,7 @@ def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceCompo
     surface = witness.surface
     if surface is None or len(surface.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu().double().numpy()[surface.points]
+    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
     topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from topokit.core.cloud.far_points import FAR
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import values_of
 from topokit.report.verdict import Check
@@ -130,6 +131,14 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
             "implies)."
         )
     return tuple(sentences)
+
+
+def far_sentences(n_far: int) -> tuple[str, ...]:
+    """Which points were left out because they lie far from all others, if any."""
+    if n_far == 0:
+        return ()
+    what, was = ("1 point lies", "was") if n_far == 1 else (f"{n_far} points lie", "were")
+    return (f"{what} more than {FAR:.0f} times as far from the middle as most others and {was} left out.",)
 
 
 def _numbers(witness: Witness) -> dict[str, object]:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from topokit.core.cloud.dense import BOUNDARY_POINTS
 from topokit.core.cloud.downsampling import thin_along_curve
+from topokit.core.cloud.far_points import far_points
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
@@ -44,9 +45,22 @@ class Examination:
             return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
 
     @cached_property
+    def _near(self) -> Tensor | None:
+        """Indices of the points that are not absurdly far from all others, or None if all are near."""
+        far = far_points(self.samples.points)
+        return (~far).nonzero().squeeze(1) if bool(far.any()) else None
+
+    @property
+    def n_far(self) -> int:
+        """Number of points left out of everything but `neighbors` and `curvature`, because they are far off."""
+        return 0 if self._near is None else self.samples.n_points - len(self._near)
+
+    @cached_property
     def part(self) -> Examination:
         """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
         samples = self.samples
+        if self._near is not None:
+            return Examination(samples.at(self._near), known_closed=self._known_closed).part
         if samples.n_points <= BOUNDARY_POINTS:
             return self
         rows = thin_along_curve(samples.points.cpu().double().numpy(), BOUNDARY_POINTS)
@@ -76,13 +90,14 @@ class Examination:
 
     @cached_property
     def _witness_or_refusal(self) -> Witness | InputError:
-        samples = self.samples
+        samples = self.samples if self._near is None else self.samples.at(self._near)
         try:
             may_smooth = not self.part.boundary.curves
             normals = samples.known_normals()
-            return global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
+            found = global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
         except InputError as refusal:
             return refusal
+        return found if self._near is None else _for_all_points(found, self._near, self.samples.points)
 
     @property
     def witness(self) -> Witness | None:
@@ -95,6 +110,16 @@ class Examination:
         """Why there is no global witness, or None."""
         found = self._witness_or_refusal
         return found if isinstance(found, InputError) else None
+
+
+def _for_all_points(found: Witness, near: Tensor, points: Tensor) -> Witness:
+    """The witness of the near points as one of all points; far ones have the direction away from the others."""
+    rows = near.cpu().numpy()
+    away = points.detach().double() - points[near].detach().double().mean(0)
+    normals = torch.nn.functional.normalize(away, dim=1).cpu().numpy()
+    normals[rows] = found.normals
+    surface = None if found.surface is None else replace(found.surface, points=rows[found.surface.points])
+    return replace(found, normals=normals, surface=surface)
 
 
 def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:

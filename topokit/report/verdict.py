@@ -81,7 +81,7 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW
         ),
         "wire_share": Threshold(
-            0.4, "share of weight", "radii of the union of balls that give the integer of a wire, at least", _TUBES
+            0.3, "share of weight", "radii of the union of balls that give the integer of a wire, at least", _TUBES
         ),
         "wire_contrast": Threshold(
             6,

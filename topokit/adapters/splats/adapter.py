@@ -19,7 +19,7 @@ from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.shape import Shape
 
-_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 20_000
+_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 100_000
 
 
 def from_splats(
@@ -56,7 +56,7 @@ def from_splats(
             samples.
         min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
         n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
-            least 5 000 and at most 20 000: several samples on one disc improve coverage, not curvature.
+            least 5 000 and at most 100 000: several samples on one disc improve coverage, not curvature.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness (CPU), advanced by one draw; seed 0 if None.
 

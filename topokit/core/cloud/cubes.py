@@ -47,7 +47,7 @@ def curve_order(points: Floats) -> tuple[Integers, NDArray[np.uint64]]:
         G. M. Morton, "A computer oriented geodetic data base and a new technique in file sequencing", IBM, 1966.
     """
     low = points.min(0)
-    extent = float((points.max(0) - low).max())
+    extent = float((points.max(0) - low).max()) or 1.0  # all in one place
     cell = ((points - low) * (2**_BITS * (1 - 1e-12) / extent)).astype(np.uint64)
     key = _spread_bits(cell[:, 0]) | _spread_bits(cell[:, 1]) << np.uint64(1) | _spread_bits(cell[:, 2]) << np.uint64(2)
     order = np.argsort(key, kind="stable")

@@ -9,7 +9,10 @@ the best solid that they imply (`delaunay_cut`).
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -30,6 +33,7 @@ _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1
 """Cost factors: a candidate without alternation must be clearly better."""
 
 _FEW_CONTRADICTED = 0.002  # share of normals against their own solid up to which propagation is believed
+_MOSTLY_COVERED = 0.9  # coverage that it needs for that; edges of CAD parts leave 8 % of the samples off the surface
 _INTERPOLATING = 0.97  # coverage from which samples count as free of noise, so that a missed one is a missed feature
 _COVERAGE_POWER = 9.0  # how much a missed sample costs then
 _LEAST_COVERAGE = 1e-3  # keeps the cost finite
@@ -69,10 +73,14 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
         local: neighborhoods of the points.
     """
     complex_ = delaunay_complex(points, local.spacings)
-    trials = {}
-    for name, direction in candidate_directions(points, local).items():
-        normals = clean_normals(points, direction, local.index)
-        trials[name] = (direction, normals, cut_complex(complex_, normals))
+    directions = candidate_directions(points, local)
+    cleaned = [clean_normals(points, direction, local.index) for direction in directions.values()]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        cuts = list(threads.map(partial(cut_complex, complex_), cleaned))
+    trials = {
+        name: (direction, normals, cut)
+        for (name, direction), normals, cut in zip(directions.items(), cleaned, cuts, strict=True)
+    }
     is_clean = max(cut.coverage for _, _, cut in trials.values()) >= _INTERPOLATING
     power = _COVERAGE_POWER if is_clean else 1.0
     costs = {name: _HANDICAP[name] * _cost(cut, power) for name, (_, _, cut) in trials.items()}
@@ -98,25 +106,33 @@ def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local:
         local: neighborhoods of the points.
     """
     complex_ = delaunay_complex(points, local.spacings)
-    trials = {"propagation": (normals, cut_complex(complex_, normals))}
-    surface, _ = surface_normals(complex_, trials["propagation"][1].inside, normals)
-    contradicted = float(((surface * normals).sum(1) < 0).mean())
-    if contradicted > _FEW_CONTRADICTED or trials["propagation"][1].coverage < _INTERPOLATING:
-        for name, direction in candidate_directions(points, local).items():
-            if name.endswith("solve"):
-                continue  # the alternation is nearly always better, and cuts of many samples are slow
-            along = (normals * direction).sum(1)
-            by_patch = np.where(np.bincount(patches, local.areas * along)[patches] < 0, -1.0, 1.0)
-            for kind, signs in (("patches", by_patch), ("samples", np.where(along < 0, -1.0, 1.0))):
-                candidate = normals * signs[:, None]
-                trials[f"{name} of {kind}"] = (candidate, cut_complex(complex_, candidate))
-    is_clean = max(cut.coverage for _, cut in trials.values()) >= _INTERPOLATING
-    costs = {name: _cost(cut, _COVERAGE_POWER if is_clean else 1.0) for name, (_, cut) in trials.items()}
-    best = min(costs, key=lambda candidate: costs[candidate])
-    normals, cut = trials[best]
+    cut = cut_complex(complex_, normals)
     surface, _ = surface_normals(complex_, cut.inside, normals)
-    turned = normals * np.where((surface * normals).sum(1) < 0, -1.0, 1.0)[:, None]
-    return Orientation(turned, best, costs, cut.coverage, complex_)
+    contradicted = float(((surface * normals).sum(1) < 0).mean())
+    if contradicted <= _FEW_CONTRADICTED and cut.coverage >= _MOSTLY_COVERED:
+        return Orientation(normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_)
+    candidates = {"propagation": normals, **_resigned(points, normals, patches, local)}
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        cuts = dict(zip(candidates, threads.map(partial(cut_complex, complex_), candidates.values()), strict=True))
+    is_clean = max(one.coverage for one in cuts.values()) >= _INTERPOLATING
+    costs = {name: _cost(one, _COVERAGE_POWER if is_clean else 1.0) for name, one in cuts.items()}
+    best = min(costs, key=lambda candidate: costs[candidate])
+    surface, _ = surface_normals(complex_, cuts[best].inside, candidates[best])
+    turned = candidates[best] * np.where((surface * candidates[best]).sum(1) < 0, -1.0, 1.0)[:, None]
+    return Orientation(turned, best, costs, cuts[best].coverage, complex_)
+
+
+def _resigned(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> dict[str, Floats]:
+    """The normals with the signs that the fields' directions give to whole patches, and to each sample."""
+    found = {}
+    for name, direction in candidate_directions(points, local).items():
+        if name.endswith("solve"):
+            continue  # the alternation is nearly always better, and cuts of many samples are slow
+        along = (normals * direction).sum(1)
+        by_patch = np.where(np.bincount(patches, local.areas * along)[patches] < 0, -1.0, 1.0)
+        found[f"{name} of patches"] = normals * by_patch[:, None]
+        found[f"{name} of samples"] = normals * np.where(along < 0, -1.0, 1.0)[:, None]
+    return found
 
 
 def _cost(cut: Cut, power: float = 1.0) -> float:

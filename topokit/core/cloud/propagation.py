@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _CREASE = 0.5  # weight of a step from which it separates two patches
+_EDGES = 1 << 20  # edges whose ends are in memory at once
 _SMALLEST_WEIGHT = 1e-6  # SciPy takes a zero for a missing edge
 
 
@@ -59,7 +60,7 @@ def propagate_signs(points: Floats, axes: Floats, areas: Floats, neighbors: NDAr
     is_smooth = tree.data < _CREASE
     patches = connected_labels(count, tree.row[is_smooth], tree.col[is_smooth])
     normals = axes * _signs_along(tree.row, tree.col, parts, axes)[:, None]
-    volume = np.bincount(parts, areas * (normals * points).sum(1))
+    volume = np.bincount(parts, areas * _dots(normals, points))
     return Propagation(normals * np.where(volume < 0, -1.0, 1.0)[parts, None], parts, patches)
 
 
@@ -68,7 +69,9 @@ def _edges(neighbors: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
     count, k = neighbors.shape
     first, second = np.repeat(np.arange(count, dtype=np.int32), k), neighbors.ravel()
     is_down = np.flatnonzero(first > second)
-    is_double = (neighbors[second[is_down]] == first[is_down, None]).any(1)
+    is_double = np.zeros(len(is_down), dtype=bool)
+    for column in neighbors.T:
+        is_double |= column[second[is_down]] == first[is_down]
     kept = np.ones(len(first), dtype=bool)
     kept[is_down[is_double]] = False
     return first[kept], second[kept]
@@ -76,11 +79,20 @@ def _edges(neighbors: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
 
 def _bending(points: Floats, axes: Floats, first: NDArray[np.int32], second: NDArray[np.int32]) -> Floats:
     """1 − |n·n′| plus the larger share by which each edge leaves one of its tangent planes."""
-    way = points[second] - points[first]
-    length = np.maximum(np.sqrt(np.einsum("ea,ea->e", way, way)), 1e-300)
-    one, other = axes[first], axes[second]
-    leaves = np.maximum(np.abs(np.einsum("ea,ea->e", way, one)), np.abs(np.einsum("ea,ea->e", way, other))) / length
-    return np.asarray(1 - np.abs(np.einsum("ea,ea->e", one, other)) + leaves + _SMALLEST_WEIGHT)
+    bending = np.empty(len(first))
+    for start in range(0, len(first), _EDGES):
+        edges = slice(start, start + _EDGES)
+        way = points[second[edges]] - points[first[edges]]
+        one, other = axes[first[edges]], axes[second[edges]]
+        length = np.maximum(np.sqrt(_dots(way, way)), 1e-300)
+        leaves = np.maximum(np.abs(_dots(way, one)), np.abs(_dots(way, other))) / length
+        bending[edges] = 1 - np.abs(_dots(one, other)) + leaves + _SMALLEST_WEIGHT
+    return bending
+
+
+def _dots(first: Floats, second: Floats) -> Floats:
+    """Scalar products of rows (n, 3), as (n,)."""
+    return np.asarray(np.einsum("na,na->n", first, second))
 
 
 def _signs_along(row: Integers, column: Integers, parts: Integers, axes: Floats) -> Floats:
@@ -91,7 +103,7 @@ def _signs_along(row: Integers, column: Integers, parts: Integers, axes: Floats)
     joined = coo_array((np.ones(len(rows)), (rows, np.concatenate((column, roots)))), shape=(count + 1, count + 1))
     parent = breadth_first_order(joined.tocsr(), count, directed=False)[1][:count].astype(np.int64)
     parent[roots] = roots
-    sign = np.where(np.einsum("na,na->n", axes, axes[parent]) < 0, -1.0, 1.0)
+    sign = np.where(_dots(axes, axes[parent]) < 0, -1.0, 1.0)
     sign[roots] = 1.0
     while (parent[parent] != parent).any():
         sign, parent = sign * sign[parent], parent[parent]

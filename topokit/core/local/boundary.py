@@ -136,9 +136,10 @@ def boundary_curves(points: Tensor, normals: Tensor, is_rim: Tensor, spacing: fl
         The closed curves, longest first. Not differentiable.
     """
     rows = is_rim.nonzero().ravel().cpu().numpy()
+    positions = points.detach().cpu().double().numpy()
+    rows = rows[np.sort(np.unique(positions[rows], axis=0, return_index=True)[1])]  # pairs in one place are too many
     if len(rows) < _LEAST_LOOP:
         return ()
-    positions = points.detach().cpu().double().numpy()
     directions = normals.detach().cpu().double().numpy()
     curves = []
     for cluster in _clusters(positions[rows], _REACH * spacing):

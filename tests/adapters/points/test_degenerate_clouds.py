@@ -1,0 +1,79 @@
+"""A zoo of clouds that are no surface, or hardly one: each is answered or refused, and never with confidence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+import topokit
+
+Floats = NDArray[np.float64]
+
+
+def sphere(n_points: int) -> Floats:
+    direction = np.random.default_rng(1).normal(size=(n_points, 3))
+    return direction / np.linalg.norm(direction, axis=1, keepdims=True)
+
+
+def lattice(side: int) -> Floats:
+    return np.stack(np.meshgrid(*[np.arange(float(side))] * 3, indexing="ij"), -1).reshape(-1, 3)
+
+
+def noise(n_points: int) -> Floats:
+    return np.random.default_rng(0).normal(size=(n_points, 3))
+
+
+ZOO: dict[str, Callable[[int], Floats]] = {
+    "blob of noise": noise,
+    "plane": lambda n: noise(n) * [1, 1, 0],
+    "nearly a plane": lambda n: noise(n) * [1, 1, 1e-5],
+    "line": lambda n: noise(n)[:, :1] * [1, 2, 3],
+    "nearly a line": lambda n: noise(n) * [1, 1e-5, 1e-5],
+    "lattice": lambda n: lattice(round(n ** (1 / 3))),
+    "flat lattice": lambda n: lattice(round(n**0.5))[:: round(n**0.5)],
+    "all points equal": lambda n: np.ones((n, 3)),
+    "two places": lambda n: np.repeat([[0.0, 0, 0], [1, 1, 1]], n // 2, axis=0),
+    "33 points": lambda n: sphere(33),
+}
+
+
+def report_of(points: Floats) -> topokit.TopologyReport:
+    return topokit.from_points(torch.from_numpy(points)).report()
+
+
+@pytest.mark.parametrize("name", ZOO)
+def test_degenerate_clouds_are_never_believed(name: str) -> None:
+    report = report_of(ZOO[name](1000))
+    assert report.verdict == "unsure"
+    assert report.reasons
+
+
+@pytest.mark.parametrize("name", ["all points equal", "two places", "line"])
+def test_large_clouds_without_volume_are_refused(name: str) -> None:
+    report = report_of(ZOO[name](200_000))
+    assert report.verdict == "unsure"
+    assert any(reason.startswith("No solid can be found") for reason in report.reasons)
+
+
+def test_points_far_off_are_left_out_and_told() -> None:
+    far = np.array([[1e6, 0, 0], [0, -1e7, 0], [50, 50, 50]])
+    points = np.concatenate((sphere(2000), far))
+    shape = topokit.from_points(torch.from_numpy(points))
+    report = shape.report()
+    assert (report.euler, report.verdict) == (2, "likely")
+    assert any("3 points lie more than 30 times as far" in reason for reason in report.reasons)
+    outward = shape.oriented().samples.normals
+    assert outward is not None
+    assert outward.shape == (2003, 3)
+    assert float((outward[:2000] * torch.from_numpy(points[:2000])).sum(1).mean()) > 0.95
+
+
+def test_a_second_object_far_away_is_not_left_out() -> None:
+    points = np.concatenate((sphere(2000), 0.2 * sphere(100) + [200.0, 0, 0]))
+    report = report_of(points)
+    assert report.components == 2
+    assert not any("left out" in reason for reason in report.reasons)

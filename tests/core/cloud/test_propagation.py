@@ -1,0 +1,69 @@
+"""Signs along the spanning tree: sheets are followed, gaps are not crossed, parts enclose positive volumes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.propagation import propagate_signs
+from topokit.testing import sphere_samples, torus_samples
+
+Floats = NDArray[np.float64]
+
+
+def plate(n_points: int, thickness: float) -> tuple[Floats, Floats]:
+    """A flat closed box: two faces and a rim of semicircles would be smoother, but sharp edges are the harder case."""
+    random = np.random.default_rng(0)
+    sides = np.array([1.0, 1.0, thickness])
+    areas = np.array([thickness, thickness, 1.0])
+    axis = random.choice(3, n_points, p=areas / areas.sum())
+    points = random.random((n_points, 3)) * sides
+    upper = random.random(n_points) < 0.5
+    rows = np.arange(n_points)
+    points[rows, axis] = np.where(upper, sides[axis], 0.0)
+    normals = np.zeros((n_points, 3))
+    normals[rows, axis] = np.where(upper, 1.0, -1.0)
+    return points - sides / 2, normals
+
+
+def share_right(points: Floats, normals: Floats) -> float:
+    surface = surface_axes(points)
+    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
+    return float(((found.normals * normals).sum(1) > 0).mean())
+
+
+def test_smooth_surfaces_are_oriented_outward() -> None:
+    for known in (sphere_samples(5000), torus_samples(8000)):
+        assert share_right(known.points.numpy(), known.normals.numpy()) == 1.0
+
+
+def test_a_thin_plate_is_oriented_across_its_edges() -> None:
+    points, normals = plate(60_000, 0.03)  # the faces are five spacings apart
+    assert share_right(points, normals) > 0.99
+
+
+def test_parts_are_told_apart_and_each_turned_outward() -> None:
+    sphere, ring = sphere_samples(3000), torus_samples(5000)
+    points = np.concatenate((sphere.points.numpy() - [5.0, 0, 0], ring.points.numpy()))
+    normals = np.concatenate((sphere.normals.numpy(), ring.normals.numpy()))
+    surface = surface_axes(points)
+    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
+    assert len(np.unique(found.parts[:3000])) == len(np.unique(found.parts[3000:])) == 1
+    assert found.parts[0] != found.parts[-1]
+    assert ((found.normals * normals).sum(1) > 0).all()
+
+
+def test_axes_areas_and_noise_of_a_sphere() -> None:
+    known = sphere_samples(20_000)
+    points, normals = known.points.numpy(), known.normals.numpy()
+    surface = surface_axes(points)
+    assert np.abs((surface.axes * normals).sum(1)).min() > 0.98
+    assert surface.areas.sum() == pytest.approx(known.area, rel=0.15)
+    assert surface.roughness < 0.05
+    noisy = points * (1 + 0.02 * np.random.default_rng(0).normal(size=(len(points), 1)))
+    assert surface_axes(noisy).roughness > 0.17
+    gaps = np.linalg.norm(points[surface.neighbors] - points[:, None], axis=2)
+    assert (np.diff(gaps, axis=1) >= 0).all()
+    assert (gaps > 0).all()

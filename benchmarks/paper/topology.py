@@ -188,7 +188,7 @@ def paper_score() -> Table:
     """The paper's own numbers, scored again: by rounding, and by distance."""
     table = Table(
         "The paper's Table II, scored again: 20 rows",
-        ["method", "setting", "right by 2·round(χ/2)", "|error| < ½", "mean error", "median error"],
+        ["method", "setting", "right by 2·round(χ/2)", "within ½", "mean error", "median error"],
     )
     for column, name in enumerate(("Taubin", "Normal", "Quadric", "Ours")):
         for setting, text in enumerate(SETTINGS):
@@ -203,7 +203,7 @@ def clean_table(options: Options, title: str, meshes: list[tuple[str, int, shape
         f"{title}: {setting.n_points} points"
         + (f", noise of {setting.noise / 2:.1%} of the longest side" if setting.noise else "")
         + f", {CLEAN_SEEDS} seed",
-        ["method", "right by 2·round(χ/2)", "|error| < ½", "mean error", "median error", "median seconds"],
+        ["method", "right by 2·round(χ/2)", "within ½", "mean error", "median error", "median seconds"],
     )
     methods = fast_methods() | ({} if options.quick else slow_methods())
     scores = {name: Score([], []) for name in methods}

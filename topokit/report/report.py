@@ -87,8 +87,8 @@ class TopologyReport:
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
         per_component: what is known about each component, largest area first.
         n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
-        confidence: probability that `euler` is right: 1 for certain, calibrated for closed point clouds and splats, None
-            where nothing was calibrated (networks, wires, open surfaces).
+        confidence: probability that `euler` is right: 1 for certain, calibrated for closed point clouds and splats,
+            None where nothing was calibrated (networks, wires, open surfaces).
         location: where handles, boundaries and defects are, or None if they were not looked for.
     """
 

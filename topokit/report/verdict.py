@@ -33,6 +33,10 @@ class Threshold:
     source: str
 
 
+_CALIBRATED = (
+    "smallest probability above which at most 2 % of the answers to draws from real and random shapes are wrong, each "
+    "judged by a model that has not seen its shape (benchmarks/confidence.py)"
+)
 _ONE_DRAW = (
     "set so that at least 95 % of the likely answers are right on one draw (seed 0) of 10 000 points from each of 47 "
     "clean meshes, oriented, unoriented and noisy; checked on a second draw (docs/accuracy.md)"
@@ -45,6 +49,9 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
+        "confidence": Threshold(
+            0.95, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
+        ),
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
         "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
         "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
@@ -168,12 +175,12 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         _at_most("crowded_wide", quality.crowded_wide),
         _at_least("coverage", quality.coverage),
         _at_most("disagreement", quality.disagreement),
-        _at_most("rim", boundary.rim_share),
+        replace(_at_most("rim", boundary.rim_share), decides=True),  # the calibration has no points along lines
     ]
     if witness.signs.source == "contradictory":
         checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False, decides=True))
     elif witness.signs.confirmed is not None:
-        checks.append(_at_least("confirmed", witness.signs.confirmed))
+        checks.append(replace(_at_least("confirmed", witness.signs.confirmed), decides=True))
     if witness.smoothed is not None:
         checks.append(Check("second look", witness.smoothed.agreement, False, decides=True))
     return tuple(checks)

@@ -29,9 +29,9 @@ def measure(n_points: int) -> dict[str, float]:
 
     part = torus_samples(n_points // 3, minor=0.1).points
     turned = [
-        part[:, [0, 2, 1]] + part.new_tensor([1.0, 0, 0]),
+        part[:, [0, 2, 1]] + part.new_tensor([1.2, 0, 0]),
         part,
-        part[:, [0, 2, 1]] - part.new_tensor([1.0, 0, 0]),
+        part[:, [0, 2, 1]] - part.new_tensor([1.2, 0, 0]),
     ]
     points = torch.cat(turned)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

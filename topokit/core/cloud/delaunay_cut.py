@@ -195,7 +195,8 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
     columns = np.concatenate((neighbors[~on_hull], np.arange(count), np.full(count, sink)))
     costs = (cost[~on_hull], np.maximum(side, 0), np.maximum(-side, 0) + leave)
     capacity = np.concatenate([np.minimum(np.round(one * _UNITS), _MOST_UNITS).astype(np.int32) for one in costs])
-    graph = coo_matrix((capacity, (rows, columns)), shape=(count + 2, count + 2)).tocsr()
+    used = capacity > 0  # one arc in six has none
+    graph = coo_matrix((capacity[used], (rows[used], columns[used])), shape=(count + 2, count + 2)).tocsr()
     value, inside = _minimum_cut(graph, source, sink)
     touched = surface_normals(complex_, inside[:count], normals)[1]
     return Cut(inside[:count], value / _UNITS / len(complex_.points), float(touched.mean()))

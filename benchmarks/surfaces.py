@@ -23,13 +23,24 @@ import torch
 import trimesh
 from scipy.spatial.transform import Rotation
 from torch import Tensor
-from verdict_thresholds import clouds
 
 import topokit as tk
 
 Named = tuple[str, Callable[[], tk.Shape]]
 KINDS = ("networks", "volumes", "oriented", "unoriented", "noisy", "splats", "captures", "scans")
 N_POINTS, N_SPLATS = 10_000, 8_000
+NOISE = 0.005  # of the longest side, in noisy clouds
+
+
+def cloud(mesh: trimesh.Trimesh, kind: str) -> tuple[Tensor, Tensor | None]:
+    """Random points of a mesh, with normals if the kind is "oriented", displaced if it is "noisy"."""
+    points, face = trimesh.sample.sample_surface(mesh, N_POINTS, seed=0)
+    points = np.asarray(points, dtype=np.float64)
+    if kind == "noisy":
+        noise = np.random.default_rng(0).normal(size=points.shape)
+        points = points + NOISE * np.ptp(points, axis=0).max() * noise
+    normals = torch.from_numpy(mesh.face_normals[face].copy()) if kind == "oriented" else None
+    return torch.from_numpy(points), normals
 
 
 def network(path: Path) -> Callable[[Tensor], Tensor]:
@@ -98,7 +109,7 @@ def shapes(data: Path, kind: str) -> Iterator[Named]:
             if kind == "splats":
                 yield row["name"], lambda mesh=mesh: splats(mesh)
             else:
-                _, points, normals = next(cloud for cloud in clouds(mesh, N_POINTS, 0) if cloud[0] == kind)
+                points, normals = cloud(mesh, kind)
                 yield row["name"], lambda points=points, normals=normals: tk.from_points(points, normals)
 
 

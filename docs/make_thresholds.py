@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from topokit.report import verdict
+from topokit.report import confidence, verdict
 
 PAGE = Path(__file__).with_name("thresholds.md")
 RULES: tuple[tuple[str, Callable[..., object]], ...] = (
@@ -20,6 +20,13 @@ RULES: tuple[tuple[str, Callable[..., object]], ...] = (
     ("points and splats", verdict.cloud_verdict),
 )
 CORE = Path(inspect.getfile(verdict)).parents[1] / "core"
+CONFIDENCE = """
+## Confidence of point clouds and splats
+
+The log-odds that the integer of a closed cloud is right are {intercept:.3g} minus the sum of coefficient × doubt. The
+coefficients are fitted by `python benchmarks/confidence.py`; how well the probability holds is in
+[accuracy.md](accuracy.md#confidence).
+"""
 CONSTANTS = """
 ## Constants of the numerical core
 
@@ -30,7 +37,7 @@ HEADER = """# Rules and thresholds of the verdict
 
 Written by `python docs/make_thresholds.py` from [topokit/report/verdict.py](../topokit/report/verdict.py); a test fails
 when this page is out of date. How often the verdict is right is in [accuracy.md](accuracy.md).
-`python benchmarks/verdict_thresholds.py DATA` shows on which side of each threshold right and wrong answers lie.
+`python benchmarks/confidence.py` fits and checks the confidence.
 """
 
 
@@ -44,6 +51,10 @@ def page() -> str:
         number = sources.index(threshold.source) + 1
         lines.append(f"| `{name}` | {threshold.value:g} | {threshold.unit} | {threshold.meaning} | {number} |")
     lines += ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1))]
+    lines += [CONFIDENCE.format(intercept=confidence.INTERCEPT), "| evidence | coefficient | doubt | x |"]
+    lines.append("|---|---|---|---|")
+    for name, one in confidence.EVIDENCE.items():
+        lines.append(f"| `{name}` | {one.coefficient:.3g} | {one.scale} | {one.meaning} |")
     lines += [CONSTANTS, "| module | constant | meaning |", "|---|---|---|"]
     lines += [f"| `{module}` | `{code}` | {meaning} |" for module, code, meaning in constants()]
     return "\n".join((*lines, ""))

@@ -64,7 +64,8 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
     verdict, sentences = cloud_verdict(checks), check_sentences(checks, witness)
-    n_deciding = sum(check.decides if verdict == "likely" else not check.passed for check in checks)
+    deciding = tuple(check for check in checks if (check.decides if verdict == "likely" else not check.passed))
+    n_deciding = len(check_sentences(deciding, witness))
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
     return _report(
         found,
@@ -145,6 +146,7 @@ def _report(
         resolution=_SMALLEST * found.part.boundary.spacing if witness is None else witness.resolution,
         per_component=components,
         n_deciding=n_deciding,
+        confidence=confidence,
     )
 
 

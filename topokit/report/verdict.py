@@ -50,7 +50,7 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "confidence": Threshold(
-            0.95, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
+            0.93, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
         ),
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
         "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
@@ -155,20 +155,20 @@ def function_verdict(is_converged: bool, *, reaches_box: bool, adds_up: bool) ->
 
 
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
-    """A closed cloud is likely if answers with such evidence are nearly always right, and nothing contradicts it."""
+    """A closed cloud is likely if both families of votes agree and such answers are nearly always right."""
     return "likely" if all(check.passed for check in checks if check.decides) else "unsure"
 
 
 def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, ...]:
     """The conditions under which the integer of a closed cloud is likely, and the evidence behind its confidence."""
     euler, quality = witness.euler, witness.quality
-    confidence = cloud_confidence(witness, boundary)
+    confidence = cloud_confidence(witness)
     cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut", "coarse cut")]
     surfaces = float(witness.components + witness.cavities - euler / 2)
     checks = [
         Check("confidence", confidence, confidence >= THRESHOLDS["confidence"].value, decides=True),
         Check("genus", surfaces, has_genus(witness), decides=True),
-        _at_least("cuts", sum(cuts) / len(cuts)),
+        replace(_at_least("cuts", sum(cuts) / len(cuts)), decides=True),
         *_second_opinions(witness),
         _at_least("agreement", witness.agreement),
         _at_most("crowded", quality.crowded),
@@ -193,7 +193,7 @@ def _second_opinions(witness: Witness) -> tuple[Check, ...]:
     checks = []
     if fields:
         least = min(THRESHOLDS["fields"].value, len(fields))
-        checks.append(Check("fields", fields.count(euler), fields.count(euler) >= least))
+        checks.append(Check("fields", fields.count(euler), fields.count(euler) >= least, decides=True))
     others: tuple[tuple[str, Family], ...] = (("smoothing", "smooth cut"), ("convergence", "coarse cut"))
     for name, family in others:
         for value in values_of(votes, family)[:1]:

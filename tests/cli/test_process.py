@@ -18,6 +18,11 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 TOPOKIT = [sys.executable, "-m", "topokit"]
 
 
+def accept_interrupts() -> None:
+    """In the new process: jobs in the background of a shell, and what they start, ignore SIGINT."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Many copies of a sphere and a broken file."""
@@ -43,7 +48,13 @@ def test_a_pipe_that_closes_ends_quietly(folder: Path, jobs: str) -> None:
 def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs: str) -> None:
     files = [folder] * 400
     command = [*TOPOKIT, "report", *files, "--json", "--jobs", jobs]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True) as process:
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=accept_interrupts,
+    ) as process:
         assert process.stdout is not None
         assert process.stderr is not None
         beginning = b"".join(process.stdout.readline() for _ in range(500))
@@ -72,7 +83,8 @@ def on_a_terminal(*arguments: object, columns: int) -> tuple[int, str]:
 
     terminal, its_side = pty.openpty()
     termios.tcsetwinsize(its_side, (24, columns))
-    variables = {**os.environ, "TERM": "xterm-256color"}
+    inherited = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    variables = {**inherited, "TERM": "xterm-256color"}
     command = [*TOPOKIT, *map(str, arguments)]
     process = subprocess.Popen(command, stdin=its_side, stdout=its_side, stderr=its_side, env=variables)
     os.close(its_side)

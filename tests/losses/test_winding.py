@@ -31,9 +31,9 @@ def test_random_normals_become_outward() -> None:
     normals = torch.randn(400, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64).requires_grad_()
     loss = tk.losses.WindingLoss(resolution=32)
     optimizer = torch.optim.Adam([normals], lr=0.3)
-    for step in range(40):
+    for step in range(80):
         optimizer.zero_grad()
-        loss(known.points, normals, smoothing=max(1.0, 4 - step / 8)).backward()
+        loss(known.points, normals, smoothing=max(1.0, 4 - step / 16)).backward()
         optimizer.step()
     cosine = torch.nn.functional.cosine_similarity(normals.detach(), known.normals, dim=1)
     assert float((cosine > 0.9).double().mean()) > 0.98

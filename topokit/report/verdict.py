@@ -50,7 +50,7 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "confidence": Threshold(
-            0.93, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
+            0.935, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
         ),
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
         "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),

@@ -24,7 +24,7 @@ NormalMethod = Literal["pca", "quadric"]
 DEFAULT_NEIGHBORS = 20
 """Number of neighbors on clean samples, and of everything behind a verdict."""
 
-CELL_NEIGHBORS = 32  # the nearest, among which a Voronoi cell is found; it has six sides on average, rarely twelve
+CELL_NEIGHBORS = 48  # the nearest, among which a Voronoi cell is found; it has six sides on average, rarely twelve
 
 
 @dataclass(frozen=True)

@@ -270,6 +270,7 @@ def a_witness(*, votes: dict[str, int] | None = None, components: int = 1, **qua
     [
         ({"votes": {"field": 0}}, "fields"),
         ({"votes": {"cut": 0}}, "cuts"),
+        ({"votes": {"smooth cut": 4}}, "smoothing"),
         ({"crowded_wide": 0.3}, "crowded_wide"),
         ({"coverage": 0.5}, "coverage"),
     ],
@@ -288,7 +289,7 @@ def test_what_contradicts_an_answer_makes_it_unsure_at_any_confidence(changes: d
 
 @pytest.mark.parametrize(
     ("changes", "name"),
-    [({"votes": {"smooth cut": 4}}, "smoothing"), ({"agreement": 0.7}, "agreement"), ({"crowded": 0.01}, "crowded")],
+    [({"agreement": 0.7}, "agreement"), ({"crowded": 0.01}, "crowded"), ({"disagreement": 0.07}, "disagreement")],
 )
 def test_evidence_outside_its_usual_range_is_told_but_does_not_decide(changes: dict[str, Any], name: str) -> None:
     assert name in failed(a_witness(**changes))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from topokit.core.components import Corner
 from topokit.core.handles.find import FoundHandle, find_handles
 from topokit.core.handles.repair import without_loops
+from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import mesh_topology
 
 if TYPE_CHECKING:
@@ -93,13 +94,12 @@ def handles_of(vertices: Floats, faces: Integers) -> tuple[Handle, ...]:
 
 def _public(found: FoundHandle, mesh: tuple[Floats, Integers]) -> Handle:
     corners = np.concatenate((found.inside.corners, found.outside.corners))
-    low, high = corners.min(axis=0).tolist(), corners.max(axis=0).tolist()
     return Handle(
         handle_loop=found.inside.corners,
         tunnel_loop=found.outside.corners,
         handle_length=found.inside.length,
         tunnel_length=found.outside.length,
-        bounds=(tuple(low), tuple(high)),
+        bounds=bounds_of(corners),
         component=found.component,
         _found=found,
         _mesh=mesh,

@@ -51,6 +51,25 @@ class ColoredSurface:
     faces: NDArray[np.int64] | None
 
 
+def curvature_of_one(shape: Exportable, done: str) -> Curvature:
+    """Curvature of a shape that is not batched, without a graph.
+
+    Args:
+        shape: any shape.
+        done: what is done with it, for the message: "exported" or "drawn".
+
+    Raises:
+        InputError: if the samples are batched.
+    """
+    if shape.samples.points.ndim != 2:
+        raise InputError(
+            f"one shape is {done} at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
+            "Make a shape of each item."
+        )
+    with torch.no_grad():
+        return shape.curvature()
+
+
 def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> ColoredSurface:
     """Curvature of a shape at its vertices if it has a mesh, else at its samples.
 
@@ -62,13 +81,7 @@ def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> Color
     """
     if color_by not in get_args(Quantity):
         raise InputError(f"color_by is {color_by!r}; expected 'gaussian', 'mean' or 'total'.")
-    if shape.samples.points.ndim != 2:
-        raise InputError(
-            f"one shape is exported at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
-            "Make a shape of each item."
-        )
-    with torch.no_grad():
-        local = shape.curvature()
+    local = curvature_of_one(shape, "exported")
     positions = shape.samples.points.detach().cpu().double().numpy()
     parts = (local.normals, local.gaussian, local.mean, local.total, local.principal, local.area)
     table = torch.cat([part.reshape(len(positions), -1) for part in parts], dim=1).cpu().double().numpy()

@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.grid.field import Field
 from topokit.core.local.curvature import Curvature
-from topokit.errors import InputError
-from topokit.export.colors import Exportable, Floats, interpolate
+from topokit.export.colors import Exportable, Floats, curvature_of_one, interpolate
 
 Integers = NDArray[np.int64]
 MarkKind = Literal["handle", "tunnel", "boundary", "defect"]
@@ -96,13 +94,7 @@ def scene_of(shape: Drawable, marks: tuple[Mark, ...] = (), *, max_faces: int, m
     Raises:
         InputError: if the samples are batched.
     """
-    if shape.samples.points.ndim != 2:
-        raise InputError(
-            f"one shape is drawn at a time; the samples are batched, {tuple(shape.samples.points.shape)}. "
-            "Make a shape of each item."
-        )
-    with torch.no_grad():
-        local = shape.curvature()
+    local = curvature_of_one(shape, "drawn")
     points, values = _numpy(shape.samples.points), _numpy(local.gaussian)
     limit = _color_limit(values)
     found = _mesh(shape)

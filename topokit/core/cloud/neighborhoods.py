@@ -146,6 +146,11 @@ def unit(vectors: Floats) -> Floats:
     return np.where(is_unit, vectors, normalize(torch.from_numpy(vectors)).numpy())
 
 
+def turned_towards(axes: Floats, directions: Floats) -> Floats:
+    """The axes (N, 3), each turned towards its direction (N, 3)."""
+    return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
+
+
 def clean_normals(
     points: Floats, normals: Floats, index: Integers, n_neighbors: int = 12, least_cosine: float = 0.5
 ) -> Floats:
@@ -163,8 +168,7 @@ def clean_normals(
     center = np.einsum("nk,nka->na", weight, points[chosen]) / np.maximum(weight.sum(1), 1e-12)[:, None]
     patch = points[chosen] - center[:, None]
     fitted = np.linalg.eigh(np.einsum("nk,nka,nkb->nab", weight, patch, patch))[1][:, :, 0]
-    fitted *= np.where((fitted * normals).sum(1) < 0, -1.0, 1.0)[:, None]
-    return np.where(((weight > 0.1).sum(1) >= 5)[:, None], fitted, normals)
+    return np.where(((weight > 0.1).sum(1) >= 5)[:, None], turned_towards(fitted, normals), normals)
 
 
 def flatten(points: Floats, normals: Floats, local: LocalGeometry, n_neighbors: int = 12) -> Floats:

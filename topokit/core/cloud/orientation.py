@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.dipoles import DipoleSolver, border_mean
-from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, unit
+from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, turned_towards, unit
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 
@@ -118,8 +118,7 @@ def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local:
     costs = {name: _cost(one, _COVERAGE_POWER if is_clean else 1.0) for name, one in cuts.items()}
     best = min(costs, key=lambda candidate: costs[candidate])
     surface, _ = surface_normals(complex_, cuts[best].inside, candidates[best])
-    turned = candidates[best] * np.where((surface * candidates[best]).sum(1) < 0, -1.0, 1.0)[:, None]
-    return Orientation(turned, best, costs, cuts[best].coverage, complex_)
+    return Orientation(turned_towards(candidates[best], surface), best, costs, cuts[best].coverage, complex_)
 
 
 def _resigned(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> dict[str, Floats]:

@@ -35,6 +35,7 @@ from topokit.core.cloud.neighborhoods import (
     compatible_areas,
     local_geometry,
     project_to_planes,
+    turned_towards,
     unit,
 )
 from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
@@ -212,11 +213,10 @@ def _look_at_samples(dense: DenseCloud, cloud: _Cloud) -> _Look:
     local = local_geometry(points, samples.areas, axes)
     found = orient_by_patches(points, axes, dense.propagation.patches[samples.kept], local)
     source: SignSource = "none" if cloud.normals is None else "axes"
-    confirmed, given = None, None
+    confirmed = None
     normals = dense.propagation.normals * np.where((found.normals * axes).sum(1) < 0, -1.0, 1.0)[samples.owner, None]
     if cloud.normals is not None and cloud.oriented:
-        given = cloud.normals[samples.kept]
-        kind, confirmed = compare_normals(given, found)
+        kind, confirmed = compare_normals(cloud.normals[samples.kept], found)
         source = _SOURCES[kind]
     signs = Signs(source, confirmed, found.coverage if source in ("none", "axes", "contradictory") else None)
     if cloud.normals is not None and source in ("given", "reversed"):
@@ -242,10 +242,10 @@ def _outward(cloud: _Cloud, local: LocalGeometry, wire: WireReading | None) -> t
             return Signs(source, confirmed, None), sign * given, complex_
         source = "contradictory"
     if wire is not None:
-        outward = wire.normals if given is None else _signed(given, wire.normals)
+        outward = wire.normals if given is None else turned_towards(given, wire.normals)
         return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings)
     found = orient_samples(cloud.points, local)
-    outward = found.normals if given is None else _signed(given, found.normals)
+    outward = found.normals if given is None else turned_towards(given, found.normals)
     return Signs(source, confirmed, found.coverage), outward, found.complex_
 
 
@@ -256,7 +256,7 @@ def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given:
     normals = look.normals[owner]
     if len(chosen) < len(positions):
         normals = normals[cKDTree(positions[chosen]).query(positions, workers=-1)[1]]
-    return normals if given is None else _signed(given, normals)
+    return normals if given is None else turned_towards(given, normals)
 
 
 def _as_wire(witness: Witness, wire: WireReading) -> Witness:
@@ -285,11 +285,6 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
         resolution=witness.resolution * _WIDE**0.5,
         surface=None,
     )
-
-
-def _signed(axes: Floats, directions: Floats) -> Floats:
-    """The axes (N, 3), each turned towards its direction."""
-    return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
 
 
 def _summed(areas: Floats, owner: Integers, factor: float) -> Floats:

@@ -117,6 +117,8 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
             f"The noise is larger than the distances between the {n_points} points: {n_used} evenly spread samples, "
             "averaged over their neighbors, were used."
         )
+    elif witness.preparation == "wire":
+        sentences.append(f"{n_used} evenly spread samples of the {n_points} points were used.")
     elif witness.is_downsampled:
         sentences.append(
             f"Normals come from all {n_points} points, the integer from {n_used} samples of them, taken densely where "

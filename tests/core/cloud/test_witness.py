@@ -10,7 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from topokit.core.cloud import dense, witness
+from topokit.core.cloud import dense, looks
 from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
@@ -159,9 +159,9 @@ def test_the_answer_is_deterministic() -> None:
 
 def look_at_samples(monkeypatch: pytest.MonkeyPatch, most: int, samples: int) -> None:
     """Treat clouds of more than `most` points as large."""
-    monkeypatch.setattr(witness, "MOST_POINTS", most)
+    monkeypatch.setattr(looks, "MOST_POINTS", most)
     monkeypatch.setattr(dense, "MOST_POINTS", most)
-    for module in (witness, dense):
+    for module in (looks, dense):
         monkeypatch.setattr(module, "SAMPLES", samples)
 
 

@@ -18,14 +18,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import (
-    Cut,
-    CutWeights,
-    DelaunayComplex,
-    cut_complex,
-    delaunay_complex,
-    solid_eulers,
-)
+from topokit.core.cloud.cut_counts import solid_eulers
+from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_geometry
@@ -36,7 +30,7 @@ from topokit.core.grid.winding_field import winding_field
 Floats = NDArray[np.float64]
 Family = Literal["cut", "smooth cut", "coarse cut", "field"]
 
-CUT_SETTINGS = (CutWeights(0.5, 3.0, 4.0), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
+CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
 SMOOTH_SETTINGS = CUT_SETTINGS[:2]
 FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
 """Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
@@ -132,7 +126,12 @@ def gather_votes(
 
 
 def gather_dense_votes(
-    cloud: DenseCloud, normals: Floats, samples: Samples, local: LocalGeometry, complex_: DelaunayComplex
+    cloud: DenseCloud,
+    normals: Floats,
+    samples: Samples,
+    local: LocalGeometry,
+    complex_: DelaunayComplex,
+    first: Cut | None = None,
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
     """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.
 
@@ -142,14 +141,16 @@ def gather_dense_votes(
         samples: those that the tetrahedra are made of.
         local: neighborhoods of the samples.
         complex_: Delaunay tetrahedra of the samples.
+        first: the cut of the first setting, if it was made already.
 
     Returns:
         As for `gather_votes`.
     """
     few = cloud.samples(len(samples.kept) // 2).kept
     chosen = normals[samples.kept]
+    settings = CUT_SETTINGS if first is None else CUT_SETTINGS[1:]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        cuts = [threads.submit(cut_complex, complex_, chosen, weights) for weights in CUT_SETTINGS]
+        cuts = [threads.submit(cut_complex, complex_, chosen, weights) for weights in settings]
         spacings = local_geometry(cloud.points[few]).spacings
         coarse = threads.submit(_cut_votes, "coarse cut", cloud.points[few], normals[few], spacings)
         finest = float(np.quantile(local.spacings, _FINEST))
@@ -160,10 +161,10 @@ def gather_dense_votes(
             for k in range(len(FIELD_SETTINGS))
             if _field_grid(cloud.points[part], finest, k).cell <= finest
         ]
-        first, others = cuts[0].result(), [cut.result() for cut in cuts]
-        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(others)]
+        made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
+        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
         votes += [*coarse.result(), *(field.result() for field in fields)]
-    return tuple(votes), _dense_quality(cloud, normals, samples, first), first
+    return tuple(votes), _dense_quality(cloud, normals, samples, made[0]), made[0]
 
 
 def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, cut: Cut) -> SampleQuality:

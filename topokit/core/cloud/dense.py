@@ -129,14 +129,14 @@ def is_noisy(surface: SurfaceAxes) -> bool:
     return surface.roughness > _NOISY
 
 
-def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats]:
+def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats, bool]:
     """At most 30 000 evenly spread points of a noisy cloud, moved onto planes through many of its points.
 
     Where no neighborhood shows a plane, a thinner copy of the cloud is looked at instead: the noise is as large, but
     neighborhoods of as many points are wider.
 
     Returns:
-        Indices (M,), and positions (M, 3).
+        Indices (M,), positions (M, 3), and whether a thinner copy was needed.
     """
     copy, most = np.arange(len(points)), MOST_POINTS
     while True:
@@ -144,7 +144,7 @@ def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats]:
         own = points[copy[kept]]
         n_neighbors, is_plane = _neighbors_that_show_a_plane(own[:: max(len(kept) // _PROBES, 1)], tree)
         if is_plane or len(copy) < _THINNER * _FEWEST_COPIED:
-            return copy[kept], _on_planes(own, tree, n_neighbors)
+            return copy[kept], _on_planes(own, tree, n_neighbors), len(copy) < len(points)
         copy = copy[thin_along_curve(points[copy], len(copy) // _THINNER)]
         tree, most = cKDTree(points[copy]), min(MOST_POINTS, len(copy) // _COPIED_PER_SAMPLE)
 

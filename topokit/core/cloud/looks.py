@@ -50,10 +50,9 @@ class Cloud:
         """Where outward directions come from if no given signs are used."""
         return "none" if self.normals is None else "axes"
 
-    def reduced(self, kept: Integers, points: Floats | None = None) -> Cloud:
-        """Some of its points, perhaps moved, without areas."""
-        normals = None if self.normals is None else self.normals[kept]
-        return Cloud(self.points[kept] if points is None else points, normals, None, self.oriented)
+    def reduced(self, kept: Integers, moved: Floats) -> Cloud:
+        """Some of its points at other positions, without areas."""
+        return Cloud(moved, None if self.normals is None else self.normals[kept], None, self.oriented)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,16 +100,27 @@ def look_at(cloud: Cloud) -> Look:
         _refuse_space(cloud.points)
         return _look_at_all(cloud, read_wire(cloud.points))
     surface = surface_axes(cloud.points)
-    if looks_narrow(cloud.points, surface.tree):
-        kept, _ = downsample(cloud.points, _WIRE_SAMPLES, "even")
-        wire = read_wire(cloud.points[kept])
-        if wire is not None:
-            return _for_all(_look_at_all(cloud.reduced(kept), wire), kept, cloud, "wire")
+    strand = _strand(cloud.points, surface.tree)
+    if strand is not None:
+        return _look_at_part(cloud, *strand, "wire")
     if not is_noisy(surface):
         return _look_at_samples(_dense(cloud, surface), cloud)
     _refuse_space(cloud.points)
-    kept, moved = averaged(cloud.points, surface.tree)
-    return _for_all(_look_at_all(cloud.reduced(kept, moved), read_wire(moved)), kept, cloud, "averaged")
+    kept, moved, is_thinned = averaged(cloud.points, surface.tree)
+    strand = _strand(moved, cKDTree(moved))
+    if strand is not None:
+        part, moved, wire = strand
+        return _look_at_part(cloud, kept[part], moved, wire, "averaged")
+    return _look_at_part(cloud, kept, moved, None, "thinned" if is_thinned else "averaged")
+
+
+def _strand(points: Floats, tree: cKDTree) -> tuple[Integers, Floats, WireReading] | None:
+    """Evenly spread points of a cloud, their positions, and the reading of the cloud as a wire, if it is one."""
+    if not looks_narrow(points, tree):
+        return None
+    kept, _ = downsample(points, _WIRE_SAMPLES, "even")
+    wire = read_wire(points[kept])
+    return None if wire is None else (kept, points[kept], wire)
 
 
 def _refuse_space(points: Floats) -> None:
@@ -121,8 +131,11 @@ def _refuse_space(points: Floats) -> None:
         )
 
 
-def _for_all(look: Look, kept: Integers, cloud: Cloud, preparation: Preparation) -> Look:
-    """A look at some points as one at the cloud; every point has the normal of the nearest of them."""
+def _look_at_part(
+    cloud: Cloud, kept: Integers, moved: Floats, wire: WireReading | None, preparation: Preparation
+) -> Look:
+    """A look at some points, perhaps moved, as one at the cloud; every point has the normal of the nearest of them."""
+    look = _look_at_all(cloud.reduced(kept, moved), wire)
     nearest = cKDTree(look.points).query(cloud.points, workers=-1)[1]
     return replace(look, kept=kept[look.kept], normals=look.normals[nearest], preparation=preparation)
 

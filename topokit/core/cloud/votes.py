@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -146,33 +146,32 @@ def gather_dense_votes(
     Returns:
         As for `gather_votes`.
     """
-    few = cloud.samples(len(samples.kept) // 2).kept
-    chosen = normals[samples.kept]
-    settings = CUT_SETTINGS if first is None else CUT_SETTINGS[1:]
+    few, chosen = cloud.samples(len(samples.kept) // 2).kept, normals[samples.kept]
+    part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), float(np.quantile(local.spacings, _FINEST))
+    areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
+    spacings = local_geometry(cloud.points[few]).spacings
+    cuts, fields = [], []
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        cuts = [threads.submit(cut_complex, complex_, chosen, weights) for weights in settings]
-        spacings = local_geometry(cloud.points[few]).spacings
         coarse = threads.submit(_cut_votes, "coarse cut", cloud.points[few], normals[few], spacings)
-        finest = float(np.quantile(local.spacings, _FINEST))
-        part = thin_along_curve(cloud.points, _MOST_IN_FIELD)
-        areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
-        fields = [
-            threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k)
-            for k in range(len(FIELD_SETTINGS))
-            if _field_grid(cloud.points[part], finest, k).cell <= finest
-        ]
+        for k, weights in enumerate(CUT_SETTINGS):  # in turn: flows hold the interpreter's lock, fields do not
+            if _field_grid(cloud.points[part], finest, k).cell <= finest:
+                fields.append(threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k))
+            if k > 0 or first is None:
+                cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
+        quality = _dense_quality(cloud, normals, samples)
         made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
         votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
         votes += [*coarse.result(), *(field.result() for field in fields)]
-    return tuple(votes), _dense_quality(cloud, normals, samples, made[0]), made[0]
+    return tuple(votes), replace(quality, coverage=made[0].coverage), made[0]
 
 
-def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, cut: Cut) -> SampleQuality:
+def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> SampleQuality:
+    """All but the coverage, which the first cut tells."""
     near, wide = cloud.crowded_shares(samples, normals, CROWDED_REACH)
     coarser = CROWDED_REACH[0] * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
     (boundary,) = cloud.crowded_shares(samples, normals, (coarser,), most_samples=_PROBES)
     opposed = cloud.disagreement(normals)
-    return SampleQuality(cut.coverage, opposed, cloud.surface.roughness, near, wide, boundary)
+    return SampleQuality(0.0, opposed, cloud.surface.roughness, near, wide, boundary)
 
 
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:

@@ -6,6 +6,7 @@ It returns numbers; `topokit.report.verdict` decides how far they may be believe
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.cloud.cubes import curve_order
 from topokit.core.cloud.cut_counts import count_parts
 from topokit.core.cloud.cut_surface import cut_surface
 from topokit.core.cloud.dense import thinned
@@ -41,6 +43,7 @@ _ROUGH = 0.5  # roughness from which a cloud may be looked at again, smoothed
 _WIDE = 64  # neighbors of that smoothing
 _CONTRADICTION = 0.5  # agreement below which the second look is taken
 _UNANIMOUS = 0.9  # agreement of the smoothed cloud from which its integer is taken over
+_QUERIES = 1 << 20  # points whose nearest neighbors are looked up at once
 _SMALLEST_FEATURE = 2.5  # sample spacings that a feature must measure to be seen in clean samples
 _BLUR = 2.0  # by how many spacings more for each spacing of roughness beyond that of clean samples
 _CLEAN = 0.15  # roughness of clean samples of curved surfaces
@@ -53,7 +56,7 @@ def global_witness(
     areas: Tensor | None = None,
     *,
     oriented: bool = True,
-    may_smooth: bool = True,
+    may_smooth: Callable[[], bool] | None = None,
 ) -> Witness:
     """The global evidence about a cloud's closed surface.
 
@@ -68,7 +71,8 @@ def global_witness(
         areas: (N,), surface area that each sample stands for; estimated from the neighbors if None.
         oriented: whether the signs of the normals mean anything; if not, the normals are axes and their signs are
             found.
-        may_smooth: whether a cloud that is noisier than its spacing may be looked at again, smoothed.
+        may_smooth: asked whether a cloud that is noisier than its spacing may be looked at again, smoothed; by default
+            it may.
 
     Raises:
         InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or coinciding, and for
@@ -113,7 +117,7 @@ def global_witness(
         return _as_wire(witness, look.wire)
     surface = cut_surface(look.complex_, look.cut.inside, euler)
     witness = replace(witness, surface=replace(surface, points=kept[look.kept][surface.points]))
-    return _second_look(witness, look.points) if may_smooth else witness
+    return _second_look(witness, look.points, may_smooth)
 
 
 def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: Look) -> Floats:
@@ -123,8 +127,17 @@ def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given:
         return outward
     normals = look.normals[owner]
     if len(chosen) < len(positions):
-        normals = normals[cKDTree(positions[chosen]).query(positions, workers=-1)[1]]
+        normals = normals[_nearest(positions[chosen], positions)]
     return normals if given is None else turned_towards(given, normals)
+
+
+def _nearest(targets: Floats, points: Floats) -> Integers:
+    """Index of the nearest target (M, 3) of every point (N, 3)."""
+    tree = cKDTree(targets, balanced_tree=False, compact_nodes=False)
+    found = np.empty(len(points), dtype=np.int64)
+    for rows in np.array_split(curve_order(points)[0], -(-len(points) // _QUERIES)):  # near each other: twice as fast
+        found[rows] = tree.query(points[rows], workers=-1)[1]
+    return found
 
 
 def _as_wire(witness: Witness, wire: WireReading) -> Witness:
@@ -132,7 +145,7 @@ def _as_wire(witness: Witness, wire: WireReading) -> Witness:
     return replace(witness, euler=wire.euler, components=wire.components, cavities=0, wire=wire)
 
 
-def _second_look(witness: Witness, points: Floats) -> Witness:
+def _second_look(witness: Witness, points: Floats, may_smooth: Callable[[], bool] | None) -> Witness:
     """Where noise exceeds the spacing and the votes contradict each other, look again at smoothed points.
 
     The points are projected onto the planes of wide neighborhoods. Their integer is taken over if nearly all votes then
@@ -141,7 +154,9 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
     noisy = witness.quality.roughness >= _ROUGH and witness.agreement < _CONTRADICTION
     if not noisy or len(points) <= _WIDE or witness.preparation == "sampled":
         return witness
-    again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=False)
+    if may_smooth is not None and not may_smooth():
+        return witness
+    again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=lambda: False)
     if again.agreement < _UNANIMOUS or again.wire is not None:
         return witness
     return replace(

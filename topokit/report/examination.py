@@ -20,6 +20,7 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.report.progress import stage_bar
 from topokit.report.verdict import is_open_sheet
 
 
@@ -98,7 +99,10 @@ class Examination:
     @cached_property
     def _witness_or_refusal(self) -> Witness | InputError:
         samples = self.samples if self._near is None else self.samples.at(self._near)
-        with ThreadPoolExecutor(1) as thread:  # beside the witness, which uses one processor most of the time
+        with (
+            stage_bar(samples.n_points),
+            ThreadPoolExecutor(1) as thread,
+        ):  # beside the witness, which uses one processor most of the time
             measured = thread.submit(self._measure_part)
             try:
                 found = global_witness(

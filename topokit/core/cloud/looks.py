@@ -19,6 +19,7 @@ from topokit.core.cloud.orientation import check_normals, compare_normals, orien
 from topokit.core.cloud.solidity import fills_space
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
+from topokit.core.stages import begin
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -27,6 +28,9 @@ Integers = NDArray[np.int64]
 _SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
 _FINEST = 0.1  # share of the samples of a large cloud whose spacing may be finer than the stated one
 _WIRE_SAMPLES = 10_000  # evenly spread points of a large cloud that is read as a wire
+_SECONDS = {"neighborhoods": 0.1, "orientation": 3.3, "counting": 1.9}  # of 10 000 points, on one processor
+_PER_MILLION = {"neighborhoods": 4.8, "signs": 4.1, "samples": 3.6, "counting": 1.2}  # seconds more of large clouds
+_FIXED = {"orientation": 2.0, "counting": 3.5}  # seconds for the samples of large clouds
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +94,22 @@ class Look:
     preparation: Preparation = "whole"
 
 
+def stage_seconds(n_points: int) -> dict[str, float]:
+    """The stages of a look at so many points in their order, and about how many seconds each takes."""
+    if n_points <= MOST_POINTS:
+        return {name: seconds * n_points / 10_000 for name, seconds in _SECONDS.items()}
+    growing = {name: seconds * n_points / 1e6 for name, seconds in _PER_MILLION.items()}
+    names = ("neighborhoods", "signs", "samples", "orientation", "counting")
+    return {name: growing.get(name, 0.0) + _FIXED.get(name, 0.0) for name in names}
+
+
 def look_at(cloud: Cloud) -> Look:
     """Look at a cloud in the way that its size, noise and shape ask for.
 
     Raises:
         InputError: if its points fill space, or all lie in a plane.
     """
+    begin("neighborhoods")
     if len(cloud.points) <= MOST_POINTS:
         _refuse_space(cloud.points)
         return _look_at_all(cloud, read_wire(cloud.points))
@@ -143,13 +157,16 @@ def _look_at_part(
 def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
     axes = surface.axes if cloud.normals is None else cloud.normals
     areas = surface.areas if cloud.areas is None else cloud.areas
+    begin("signs")
     return dense_cloud(cloud.points, replace(surface, axes=axes, areas=areas))
 
 
 def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
     local = local_geometry(cloud.points, cloud.areas)
+    begin("orientation")
     signs, outward, complex_ = _outward(cloud, local, wire)
     turned = time.perf_counter()
+    begin("counting")
     weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
     votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
     spacing = float(np.sqrt(weights.mean()))
@@ -158,10 +175,12 @@ def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
 
 
 def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
+    begin("samples")
     samples = dense.samples(SAMPLES)
     kept = samples.kept
     points, axes = dense.points[kept], dense.propagation.normals[kept]
     local = local_geometry(points, samples.areas, axes)
+    begin("orientation")
     found = orient_by_patches(points, axes, dense.propagation.patches[kept], local)
     source, confirmed = cloud.unsigned_source, None
     if cloud.normals is not None and cloud.oriented:
@@ -172,6 +191,7 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     flips = np.where((found.normals * axes).sum(1) < 0, -1.0, 1.0)[samples.owner, None]
     normals = dense.propagation.normals * flips if given is None else given
     turned = time.perf_counter()
+    begin("counting")
     first = found.cut if given is None else None
     votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, first)
     spacing, finest = (float(value) for value in np.quantile(local.spacings, (0.5, _FINEST)))

@@ -21,7 +21,7 @@ from topokit.core.cloud.cut_surface import cut_surface
 from topokit.core.cloud.dense import thinned
 from topokit.core.cloud.downsampling import distinct
 from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
-from topokit.core.cloud.looks import Cloud, Look, look_at
+from topokit.core.cloud.looks import Cloud, Look, look_at, stage_seconds
 from topokit.core.cloud.neighborhoods import (
     FEWEST_POINTS,
     centered_positions,
@@ -31,6 +31,7 @@ from topokit.core.cloud.neighborhoods import (
 )
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
+from topokit.core.stages import stages
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
@@ -88,7 +89,8 @@ def global_witness(
         raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
     kept = chosen[first]
     summed = None if scaled is None else _summed(scaled[chosen], owner, len(positions) / len(chosen))
-    look = look_at(Cloud(positions[kept], None if given is None else given[kept], summed, oriented))
+    with stages(stage_seconds(len(kept))):
+        look = look_at(Cloud(positions[kept], None if given is None else given[kept], summed, oriented))
     components, cavities = count_parts(look.complex_, look.cut.inside)
     euler, agreement = tally(look.votes)
     quality = look.quality
@@ -156,7 +158,8 @@ def _second_look(witness: Witness, points: Floats, may_smooth: Callable[[], bool
         return witness
     if may_smooth is not None and not may_smooth():
         return witness
-    again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=lambda: False)
+    with stages({}):  # nobody is told again of the same stages
+        again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=lambda: False)
     if again.agreement < _UNANIMOUS or again.wire is not None:
         return witness
     return replace(

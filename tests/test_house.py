@@ -28,7 +28,19 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"},
+    {
+        "samples",
+        "neighbors",
+        "linalg",
+        "chunks",
+        "components",
+        "labels",
+        "draws",
+        "threads",
+        "surface",
+        "loops",
+        "stages",
+    },
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},

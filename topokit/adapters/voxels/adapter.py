@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,15 +13,16 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.files import read_volume
+from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.samples import volume_samples
+from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.grid.components import grid_surfaces
+from topokit.core.grid.components import counted_in_memory
 from topokit.core.grid.euler import (
     DEFAULT_CONNECTIVITY,
     check_connectivity,
     comparable,
-    dual_connectivity,
     surface_euler,
 )
 from topokit.core.grid.field import Field
@@ -50,6 +52,9 @@ def from_voxels(
     n_samples: int = 10_000,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    dataset: str | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> Shape:
     """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
 
@@ -58,9 +63,13 @@ def from_voxels(
     τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `euler()` use samples of the
     volume smoothed over one voxel; these are not differentiable.
 
+    A volume that is stored in chunks or as a memory map and has more than 2²⁷ voxels is counted block by block, with
+    the same result, and never held as a whole: its shape has a report, but no samples.
+
     Args:
-        volume: (X, Y, Z) tensor or array of any real type, or a path (.npy .npz .nii .nii.gz .nrrd .tif). Not copied
-            where its type allows that.
+        volume: (X, Y, Z) tensor or array of any real type, or a path (.npy .npz .nii .nii.gz .nrrd .tif .zarr .h5). Not
+            copied where its type allows that. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is read
+            block by block if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
         level: voxels strictly above it are inside. Needed unless the volume is binary (then half of its higher value).
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
@@ -70,6 +79,10 @@ def from_voxels(
         n_samples: number of samples.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
+        dataset: path of the array in a zarr group or HDF5 file that holds several.
+        block_voxels: count block by block, whatever the volume's size, with at most so many voxels in a block; but a
+            block has at least one chunk of the storage. By default 2²⁴.
+        client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -84,13 +97,19 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, values, steps = open_volume(volume, spacing)
-    x, y, z = values.shape
-    grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
     check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
     label = None if label is None else _as_number("label", label)
+    if level is not None and label is not None:
+        raise InputError(f"both level={level} and label={label} were given; one of them says what is inside.")
+    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+        return shape_in_blocks(
+            blocks, as_spacing(spacing), as_position(origin), level, label, connectivity, n_neighbors
+        )
+    name, values, steps = open_volume(volume, spacing, dataset)
+    x, y, z = values.shape
+    grid = Grid((x, y, z), steps, as_position(origin))
     level, notes = _level_and_notes(values, level, label)
     field = VoxelField(values, level, label, grid, connectivity)
     if not field.has_inside():
@@ -158,23 +177,21 @@ class VoxelField(Field):
 
 def _count(field: VoxelField) -> CountedAnswer:
     started = time.perf_counter()
-    euler = int(field.exact_euler())
-    seconds = time.perf_counter() - started
-    inside = field.inside()
-    components = grid_surfaces(inside, field.connectivity, field.grid)
-    other_euler = int(field.exact_euler(dual_connectivity(field.connectivity)))
-    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
+    counted = counted_in_memory(field.inside(), field.connectivity, field.grid)
+    return volume_answer(counted, field.connectivity, time.perf_counter() - started)
 
 
 def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None, dataset: str | None = None
 ) -> tuple[str, Tensor, Spacing]:
     """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
     name, file_spacing = "voxels", None
-    if isinstance(volume, str | os.PathLike):
+    if (stored := stored_volume(volume, dataset)) is not None:
+        name, volume = stored.name, stored.whole()
+    elif isinstance(volume, str | os.PathLike):
         path = existing_file(volume)
         name, (volume, file_spacing) = path.name, read_volume(path)
-    return name, _as_volume(volume), _as_spacing(file_spacing if spacing is None else spacing)
+    return name, _as_volume(volume), as_spacing(file_spacing if spacing is None else spacing)
 
 
 def _as_volume(volume: object) -> Tensor:
@@ -186,7 +203,8 @@ def _as_volume(volume: object) -> Tensor:
     return comparable(values)
 
 
-def _as_spacing(spacing: float | Spacing | None) -> Spacing:
+def as_spacing(spacing: float | Spacing | None) -> Spacing:
+    """Three positive numbers, 1 by default, or an `InputError`."""
     try:
         steps = np.broadcast_to(np.asarray(1.0 if spacing is None else spacing, dtype=float), 3)
     except (TypeError, ValueError) as error:
@@ -219,8 +237,6 @@ def _as_number(name: str, value: object) -> float:
 def _level_and_notes(values: Tensor, level: float | None, label: float | None) -> tuple[float, tuple[str, ...]]:
     """The level to use, and sentences for the report."""
     if label is not None:
-        if level is not None:
-            raise InputError(f"both level={level} and label={label} were given; one of them says what is inside.")
         return 0.0, (f"The solid is the voxels with label {label}.",)
     if level is None:
         level = 0.0 if values.dtype == torch.bool else _level_of_binary(values)

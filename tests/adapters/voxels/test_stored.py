@@ -201,3 +201,23 @@ def test_what_is_no_volume_is_refused(tmp_path: Path) -> None:
     (tmp_path / "v.nrrd").write_bytes(b"NRRD0004\n")
     with pytest.raises(InputError, match="only as a whole"):
         tk.from_voxels(tmp_path / "v.nrrd", block_voxels=100)
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_every_label_as_in_memory(connectivity: int, tmp_path: Path) -> None:
+    labels = np.random.default_rng(2).integers(0, 4, (12, 14, 13)).astype("uint16")
+    labels[labels == 3] = 40_000
+    place = {"spacing": (1, 2, 0.5), "origin": (3, 0, -1), "connectivity": connectivity}
+    expected = tk.from_labels(labels.astype("int32"), **place)
+    for source in (zarr_path(tmp_path, labels), dask_array.from_array(labels, chunks=5), labels):
+        found = tk.from_labels(source, block_voxels=200, **place)
+        assert list(found) == list(expected) == [1, 2, 40_000]
+        for label, shape in found.items():
+            assert shape.report().per_component == expected[label].report().per_component
+            assert shape.name == expected[label].name.replace(
+                "voxels", "v.zarr" if isinstance(source, Path) else "voxels"
+            )
+    with pytest.raises(InputError, match="no voxel has the label 7"):
+        tk.from_labels(labels, [7], block_voxels=200)
+    with pytest.raises(InputError, match="labels are whole numbers"):
+        tk.from_labels(labels + 0.5, block_voxels=200)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box, Division
 from topokit.core.blocks.part import Part, count_part, join_parts
@@ -18,8 +19,6 @@ from topokit.errors import InputError
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
 from topokit.report.wording import plural
-
-_RETRIES = 2  # of the task of a block whose worker died
 
 
 class Seen(NamedTuple):
@@ -68,11 +67,12 @@ class Solid:
     label: float | None
     connectivity: int
 
-    def contains(self, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which voxels are inside."""
+    def mark(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> None:
+        """Write which voxels are inside."""
         if self.label is not None:
-            return values == self.label
-        return values > (self.level or 0)
+            np.equal(values, self.label, out=inside)
+        else:
+            np.greater(values, self.level or 0, out=inside)
 
     def check(self, seen: Seen, is_empty: bool) -> tuple[str, ...]:
         """Sentences for the report about the values of the whole volume.
@@ -117,19 +117,22 @@ class BlockCount:
             block: where it is in the volume.
         """
         values = np.asarray(source() if callable(source) else source)
-        inside = self.solid.contains(values)
-        at_ends = [(int(start == 0), int(stop == n)) for (start, stop), n in zip(block, self.shape, strict=True)]
-        is_six = np.pad(inside, at_ends)
-        if self.solid.connectivity == 26:
-            np.logical_not(is_six, out=is_six)
-        x, y, z = (start + 1 - at_start for (start, _), (at_start, _) in zip(block, at_ends, strict=True))
+        is_dual = self.solid.connectivity == 26
+        x, y, z = (start + (start > 0) for start, _ in block)  # in the volume with a layer of background around it
         n_x, n_y, n_z = (n + 2 for n in self.shape)
-        return Found(count_part(is_six, (x, y, z), (n_x, n_y, n_z)), self._seen(values, inside))
+        ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, self.shape, strict=True)]
+        is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), is_dual)
+        inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
+        self.solid.mark(values, inner)
+        if is_dual:
+            np.logical_not(inner, out=inner)
+        part = count_part(is_six, (x, y, z), (n_x, n_y, n_z))
+        return Found(part, self._seen(values, is_empty=bool((part.is_six == is_dual).all())))
 
-    def _seen(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> Seen:
+    def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
         n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
         must_be_binary = self.solid.level is None and self.solid.label is None and values.dtype != bool
-        if n_nan == values.size or not (must_be_binary or not inside.any()):
+        if n_nan == values.size or not (must_be_binary or is_empty):
             return Seen(np.inf, -np.inf, n_nan, True)
         known = values[~np.isnan(values)] if n_nan else values
         low, high = known.min(), known.max()
@@ -156,25 +159,13 @@ def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, gri
         InputError: if no voxel is inside, or a level is needed.
     """
     started = time.perf_counter()
-    work = BlockCount(solid, grid.shape)
-    if client is None:
-        found = division.reduce(lambda block: work.count(volume.at(block), block), joined)
-    else:
-        found = _on_cluster(volume, work, division, client)
+    count = BlockCount(solid, grid.shape).count
+    found = reduced(volume, division, count, joined, client, without_faces)
     counted = counted_volume(found.part, solid.connectivity, grid)
     notes = solid.check(found.seen, is_empty=not counted.n_inside)
     return volume_answer(counted, solid.connectivity, time.perf_counter() - started, notes)
 
 
-def _on_cluster(volume: StoredVolume, work: BlockCount, division: Division, client: Any) -> Found:
-    """What is found in all blocks by the workers of a cluster; a block whose worker dies is counted again."""
-    from dask import delayed
-
-    count, join = delayed(work.count, pure=False), delayed(joined, pure=False)
-    whole = division.reduce(lambda block: count(volume.at(block), block), join)
-    result: Found = client.compute(delayed(_without_faces)(whole), retries=_RETRIES).result()
-    return result
-
-
-def _without_faces(found: Found) -> Found:
+def without_faces(found: Found) -> Found:
+    """What was found in a whole volume, without what only joining needs."""
     return Found(found.part.without_faces(), found.seen)

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from topokit.adapters.voxels.stored import StoredVolume
+import numpy as np
+
+from topokit.adapters.voxels.reduction import reduced
+from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
-from topokit.core.blocks.division import MOST_VOXELS, Division
+from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.components import Corner
 from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.labels import Box as LabelBox
+from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
 from topokit.errors import InputError
 from topokit.shape import Shape
 
@@ -18,10 +23,11 @@ MOST_IN_MEMORY = (
 
 
 class Blocks(NamedTuple):
-    """A volume and how to count it: its blocks, and a client of a Dask cluster, or None for this process."""
+    """A volume and how to count it: its blocks, how large they are, and a client of a Dask cluster, or None."""
 
     volume: StoredVolume
     division: Division
+    most_voxels: int
     client: Any
 
 
@@ -41,7 +47,45 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
     if not is_wanted and (stored is None or stored.n_voxels <= MOST_IN_MEMORY):
         return None
     stored = readable_in_blocks(volume) if stored is None else stored
-    return Blocks(stored, Division.of(stored.chunks, block_voxels or MOST_VOXELS), client)
+    most_voxels = block_voxels or MOST_VOXELS
+    return Blocks(stored, Division.of(stored.chunks, most_voxels), most_voxels, client)
+
+
+def labels_in_blocks(blocks: Blocks) -> dict[int, LabelBox]:
+    """The box of every label of a volume, as `label_boxes` finds it in memory."""
+    volume = blocks.volume
+    found = reduced(volume, blocks.division, _boxes_in_block, _joined_boxes, blocks.client, dict)
+    return {label: widened(box, volume.shape) for label, box in sorted(found.items())}
+
+
+def label_in_blocks(
+    blocks: Blocks,
+    label: int,
+    box: LabelBox,
+    spacing: Spacing,
+    origin: Corner,
+    connectivity: int,
+    n_neighbors: int | None,
+) -> Shape:
+    """The shape of a label, counted in the blocks of its box; other arguments are those of `from_labels`."""
+    x, y, z = ((side.start, side.stop) for side in box)
+    part = PartOfVolume(blocks.volume, (x, y, z), f"{blocks.volume.name}, label {label}")
+    a, b, c = (start + step * side.start for start, step, side in zip(origin, spacing, box, strict=True))
+    own = Blocks(part, Division.of(part.chunks, blocks.most_voxels), blocks.most_voxels, blocks.client)
+    return shape_in_blocks(own, spacing, (a, b, c), None, label, connectivity, n_neighbors)
+
+
+def _boxes_in_block(source: Any, block: Box) -> dict[int, LabelBox]:
+    first = [start for start, _ in block]
+    found = {}
+    for label, box in tight_boxes(np.asarray(source() if callable(source) else source)).items():
+        x, y, z = (slice(side.start + start, side.stop + start) for side, start in zip(box, first, strict=True))
+        found[label] = x, y, z
+    return found
+
+
+def _joined_boxes(one: dict[int, LabelBox], other: dict[int, LabelBox], axis: int) -> dict[int, LabelBox]:
+    return joined_boxes(one, other)
 
 
 def shape_in_blocks(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from itertools import accumulate, pairwise
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -148,6 +149,28 @@ class MappedVolume(StoredVolume):
             return np.array(np.memmap(self._path, self.dtype, "r", self._offset, shape, order)[_slices(box)])
 
 
+class PartOfVolume(StoredVolume):
+    """A box of a stored volume, as a volume of its own."""
+
+    def __init__(self, volume: StoredVolume, box: Box, name: str) -> None:
+        """Args: the volume, the box in it, and what to call that."""
+        chunks = tuple(_clipped(lengths, *side) for lengths, side in zip(volume.chunks, box, strict=True))
+        super().__init__(name, [stop - start for start, stop in box], volume.dtype, chunks)
+        self._volume, self._first = volume, tuple(start for start, _ in box)
+
+    def at(self, box: Box) -> Any:
+        """See `StoredVolume`."""
+        return self._volume.at(self._moved(box))
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        return self._volume.read(self._moved(box))
+
+    def _moved(self, box: Box) -> Box:
+        x, y, z = ((start + first, stop + first) for (start, stop), first in zip(box, self._first, strict=True))
+        return x, y, z
+
+
 def stored_array(volume: object) -> StoredVolume | None:
     """An array that can be read box by box; None for what is in memory already, or is no array."""
     kind = type(volume).__module__.partition(".")[0]
@@ -195,6 +218,13 @@ def _lengths(chunk: int | Sequence[int], n: int) -> tuple[int, ...]:
     if not isinstance(chunk, int):
         return tuple(map(int, chunk))
     return (chunk,) * (n // chunk) + ((n % chunk,) if n % chunk else ())
+
+
+def _clipped(lengths: Sequence[int], start: int, stop: int) -> tuple[int, ...]:
+    """The lengths of those parts of chunks that lie between two layers."""
+    ends = list(accumulate(lengths, initial=0))
+    parts = (min(b, stop) - max(a, start) for a, b in pairwise(ends))
+    return tuple(part for part in parts if part > 0)
 
 
 def _slices(box: Box) -> tuple[slice, ...]:

@@ -45,9 +45,9 @@ class Runs(NamedTuple):
     @classmethod
     def of(cls, dense: Labels) -> Runs:
         """The runs of a plane of labels."""
-        stops = np.empty(dense.shape, np.int32)
-        write_runs(dense, stops)
-        return cls(dense, stops)
+        labels, stops = np.array(dense, order="C"), np.empty(dense.shape, np.int32)  # arrays sent here are read-only
+        write_runs(labels, stops)
+        return cls(labels, stops)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +190,7 @@ class _Forest:
         """Make room for more nodes."""
         missing = self._n_nodes + n_more - len(self._parents)
         if missing > 0:
-            missing = max(missing, len(self._parents))  # so that copies stay a constant share of the work
+            missing = max(2 * n_more, len(self._parents))  # so that copies are rare
             self._parents = np.concatenate((self._parents, np.empty(missing, np.int32)))
             self._is_six = np.concatenate((self._is_six, np.empty(missing, bool)))
             self._nodes = np.concatenate((self._nodes, np.empty((missing, len(NODE_COLUMNS)), np.int64)))

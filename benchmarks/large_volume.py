@@ -100,7 +100,7 @@ def measure(path: Path, n_workers: int, block: int) -> None:
         assert reduced(stored, division, size_of, add, client, int) == stored.n_voxels
         reading, reading_cpu = time.perf_counter() - started, cpu_seconds(client) - cpu
         cpu, started = cpu_seconds(client), time.perf_counter()
-        report = tk.from_voxels(stored._array, level=127, block_voxels=block**3, client=client).report()
+        report = tk.from_voxels(stored._array, level=100, block_voxels=block**3, client=client).report()
         counting, counting_cpu = time.perf_counter() - started, cpu_seconds(client) - cpu
         peak = max(client.run(peak_memory).values())
     assert report.solid_betti == known_betti(n_cells), report

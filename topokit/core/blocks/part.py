@@ -43,6 +43,11 @@ class Runs(NamedTuple):
     stops: Labels
 
     @classmethod
+    def empty(cls, shape: tuple[int, int]) -> Runs:
+        """Room for the runs of a plane."""
+        return cls(np.empty(shape, np.int32), np.empty(shape, np.int32))
+
+    @classmethod
     def of(cls, dense: Labels) -> Runs:
         """The runs of a plane of labels."""
         labels, stops = np.array(dense, order="C"), np.empty(dense.shape, np.int32)  # arrays sent here are read-only
@@ -86,17 +91,20 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     n_x, n_y, n_z = is_six.shape
     faces = tuple(Faces(np.empty(n, np.int32), np.empty(n, np.int32)) for n in ((n_y, n_z), (n_x, n_z), (n_x, n_y)))
     dense = faces[0].high  # always that of the last layer so far
-    before: Runs | None = None
+    before, runs = (
+        Runs.empty((n_y, n_z)),
+        Runs.empty((n_y, n_z)),
+    )  # used in turn: fresh memory costs as much as counting
     for x, plane in enumerate(is_six):
-        runs = forest.label(np.ascontiguousarray(plane), (place[0] + x, place[1], place[2]), shape)
-        if before is not None:
+        forest.label(np.ascontiguousarray(plane), (place[0] + x, place[1], place[2]), shape, runs)
+        if x > 0:
             forest.join(before, runs)
         write_dense(*runs, dense)
-        if before is None:
+        if x == 0:
             faces[0].low[:] = dense
         faces[1].low[x], faces[1].high[x] = dense[0], dense[-1]
         faces[2].low[x], faces[2].high[x] = dense[:, 0], dense[:, -1]
-        before = runs
+        before, runs = runs, before
     return forest.part(faces)
 
 
@@ -145,15 +153,13 @@ class _Forest:
         self._walls.append(part.walls)
         self._n_nodes, self._dual = new.stop, self._dual + part.dual
 
-    def label(self, is_six: Bools, place: Triple, shape: Triple) -> Runs:
-        """The next plane of a block, labeled."""
+    def label(self, is_six: Bools, place: Triple, shape: Triple, runs: Runs) -> None:
+        """Label the next plane of a block and write its runs."""
         self._reserve(is_six.size)
-        runs = Runs(np.empty(is_six.shape, np.int32), np.empty(is_six.shape, np.int32))
         where = np.array(place), np.array(shape)
         self._n_nodes = label_plane(
             is_six, *where, self._parents, self._nodes, self._is_six, self._n_nodes, runs.labels, runs.stops
         )
-        return runs
 
     def join(self, lower: Runs, upper: Runs, axis: int = 0) -> None:
         """Join two planes that lie face to face along an axis."""

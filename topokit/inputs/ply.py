@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes
+from topokit.inputs.writing import completed_file
 
 _LONGEST_HEADER = 1 << 18  # bytes; a 3DGS header has about 1 500
 _HALF = re.compile(rb"^property[ \t]+(?:half|float16)[ \t]+", re.MULTILINE)
@@ -43,7 +44,7 @@ def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:
     """Write structured arrays as a binary little-endian .ply file; a field with a shape becomes a list.
 
     Raises:
-        InputError: if the file is not called .ply, or its folder does not exist.
+        InputError: if the file is not called .ply, its folder does not exist, or it cannot be written.
     """
     from plyfile import PlyData, PlyElement
 
@@ -53,7 +54,8 @@ def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:
     if not target.parent.is_dir():
         raise InputError(f"the folder of {target} does not exist: create it first.")
     described = [PlyElement.describe(table, name) for name, table in elements.items()]
-    PlyData(described, byte_order="<").write(str(target))
+    with completed_file(target) as unfinished:
+        PlyData(described, byte_order="<").write(str(unfinished))
 
 
 def _checked_header(path: Path) -> bytes:

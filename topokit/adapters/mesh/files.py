@@ -7,20 +7,20 @@ import logging
 import re
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.polygons import fans
+from topokit.adapters.mesh.scenes import load_flattened
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading
 
 # What trimesh raises on damaged files, beside ValueError and the like.
 _OF_TRIMESH = (
-    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NotImplementedError),
-    *(RuntimeError, SyntaxError, TypeError),
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, NotImplementedError, RuntimeError),
+    *(StopIteration, SyntaxError, TypeError, UnboundLocalError),
 )
 
 
@@ -37,8 +37,6 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     if beginning.lstrip()[:4].upper().startswith((b"OFF", b"COFF", b"NOFF")):
         with reading(path, "the OFF reader"):
             return read_off(path)
-    import trimesh
-
     quiet = logging.getLogger("trimesh")
     level = quiet.level
     quiet.setLevel(logging.CRITICAL)  # missing textures do not matter here
@@ -46,7 +44,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         kind = _file_type(path, beginning)
         content = path if kind != "obj" else _bare_obj(path)
         with reading(path, "trimesh", *_OF_TRIMESH, extra="topokit[formats]"):
-            mesh = _flattened(trimesh.load_scene(content, file_type=kind, process=False))
+            mesh = load_flattened(content, kind, path)
             vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     finally:
         quiet.setLevel(level)
@@ -86,17 +84,6 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise ReadError(f"{path}: a face announces {short[0]} corners and has {len(short) - 1}.")
     words_of_corners = chain.from_iterable(row[1 : 1 + n] for row, n in zip(polygons, counts.tolist(), strict=True))
     return vertices, fans(np.array(list(map(int, words_of_corners)), dtype=np.int64), counts)
-
-
-def _flattened(scene: Any) -> Any:
-    """All of a scene as one `trimesh.Trimesh`; a single mesh that stays in place is not copied."""
-    nodes = scene.graph.nodes_geometry
-    if len(nodes) == 1:
-        transformation, name = scene.graph[nodes[0]]
-        only = scene.geometry[name]
-        if hasattr(only, "faces") and np.array_equal(transformation, np.eye(4)):
-            return only
-    return scene.to_mesh()
 
 
 def _bare_obj(path: Path) -> io.BytesIO:

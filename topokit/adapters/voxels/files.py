@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.bounds import FREE, check_nifti, check_nrrd, check_tiff
 from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
 from topokit.inputs.numpy_header import NUMPY, array_shapes
-from topokit.inputs.reading import reading
+from topokit.inputs.reading import reading, require_expansion
 
 Volume = tuple[NDArray[Any], Spacing | None]
+_STEP = 1 << 20  # bytes unpacked at a time
 _HOW = 'pip install "topokit[volumes]"'
 
 
@@ -72,8 +74,9 @@ def _read_nifti(path: Path) -> Volume:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = _bytes(path)
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
-    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, MemoryError):
+    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError):
         image = kind.from_bytes(data)
+        check_nifti(path, image, len(data))
         array = np.asanyarray(image.dataobj)
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
@@ -82,9 +85,18 @@ def _read_nifti(path: Path) -> Volume:
 
 def _bytes(path: Path) -> bytes:
     if head(path).startswith(GZIP):
-        with gzip.open(path) as file:
-            return file.read()
+        return _unzipped(path)
     return path.read_bytes()
+
+
+def _unzipped(path: Path) -> bytes:
+    """What a gzip file holds, unless it is absurdly much."""
+    content, size = bytearray(), path.stat().st_size
+    with gzip.open(path) as file:
+        while part := file.read(_STEP):
+            content += part
+            require_expansion(path, len(content), size, FREE)
+    return bytes(content)
 
 
 def _read_nrrd(path: Path) -> Volume:
@@ -92,7 +104,8 @@ def _read_nrrd(path: Path) -> Volume:
         import nrrd
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
-    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError, MemoryError):
+    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError):
+        check_nrrd(path)
         array, header = nrrd.read(str(path))
     if "space directions" in header:
         return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
@@ -109,12 +122,12 @@ def _read_tiff(path: Path) -> Volume:
         ArithmeticError,
         AssertionError,
         LookupError,
-        MemoryError,
         RuntimeError,
         TypeError,
     )
-    with reading(path, "tifffile", *damaged):
-        return tifffile.imread(path), None
+    with reading(path, "tifffile", *damaged), tifffile.TiffFile(path, _multifile=False) as file:
+        check_tiff(path, file)
+        return file.asarray(), None
 
 
 def _triple(values: Any) -> Spacing:

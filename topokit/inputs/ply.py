@@ -6,9 +6,10 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -24,20 +25,38 @@ _HALF = re.compile(rb"^property[ \t]+(?:half|float16)[ \t]+", re.MULTILINE)
 _HALF_MARK = "half:"
 
 
-def ply_elements(path: Path) -> dict[str, NDArray[np.void]]:
+def ply_elements(
+    path: Path, list_lengths: Mapping[str, Mapping[str, int]] = MappingProxyType({})
+) -> dict[str, NDArray[np.void]]:
     """The elements of a .ply file by name, as structured arrays in the byte order of the file.
 
     Binary elements without lists are memory-mapped. Half floats are read too, although neither the format nor plyfile
     knows them: some splat trainers write them.
 
+    Args:
+        path: an existing file.
+        list_lengths: by element and name of a list its probable length: where all rows have it, the element is
+            memory-mapped, too, and the list is an array; else it is an array of arrays.
+
     Raises:
         ReadError: if the file is malformed, or shorter than its header announces.
     """
-    from plyfile import PlyData, PlyParseError
+    from plyfile import PlyParseError
 
     with reading(path, "plyfile", PlyParseError), _readable(path, check_header(path)) as file:
-        elements = PlyData.read(file, mmap="r").elements
+        elements = _elements(file, list_lengths)
     return {element.name: _with_halves(element.data) for element in elements}
+
+
+def _elements(file: BinaryIO, list_lengths: Mapping[str, Mapping[str, int]]) -> Any:
+    from plyfile import PlyData, PlyElementParseError
+
+    if list_lengths:
+        try:
+            return PlyData.read(file, mmap="r", known_list_len=list_lengths).elements
+        except PlyElementParseError:  # some rows have another length, which is found row by row
+            file.seek(0)
+    return PlyData.read(file, mmap="r").elements
 
 
 def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:

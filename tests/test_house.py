@@ -14,7 +14,7 @@ import topokit
 
 ROOT = Path(topokit.__file__).parent
 FLOORS = [
-    {"errors"},
+    {"errors", "ending"},
     {"inputs"},
     {"core"},
     {"report", "export"},
@@ -28,7 +28,8 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"},
+    {"samples", "neighbors", "kd_tree", "linalg", "chunks"}
+    | {"components", "labels", "draws", "threads", "surface", "loops"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy", "blocks"},
     {"handles"},

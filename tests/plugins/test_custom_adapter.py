@@ -38,6 +38,7 @@ def test_the_command_line_finds_it(environment: Environment) -> None:
     assert "metaballs\t.metaballs\tusable" in environment.topokit("adapters").stdout.splitlines()
 
 
+@pytest.mark.long
 def test_its_own_tests_pass(environment: Environment) -> None:
     found = environment.pytest(environment.folder / "source")
     assert found.returncode == 0, found.stdout

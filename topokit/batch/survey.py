@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
 from topokit.batch.examine import Answer, Given, Questions, Row, called, examine, failure
+from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.processes import map_in_processes, n_cores
 from topokit.batch.sources import Paths, Source, Sources, find_sources
 from topokit.errors import InputError
@@ -33,17 +34,17 @@ class Survey:
         passed_over: names of the files in folders that are of no known format.
     """
 
-    def __init__(self, sources: Sources, questions: Questions, jobs: int) -> None:
+    def __init__(self, sources: Sources, questions: Questions, jobs: int, limits: Limits = NO_LIMITS) -> None:
         self.files = tuple(source.name for source in sources.sources)
         self.passed_over = sources.passed_over
-        self._sources, self._questions, self._jobs = sources.sources, questions, jobs
+        self._sources, self._questions, self._jobs, self._limits = sources.sources, questions, jobs, limits
         self._rows: list[list[Row]] = []  # of every file that was examined so far
 
     def __iter__(self) -> Iterator[Row]:
         for rows in self._rows:
             yield from rows
         n_known = len(self._rows)
-        with closing(examine_each(self._sources[n_known:], self._questions, self._jobs)) as coming:
+        with closing(examine_each(self._sources[n_known:], self._questions, self._jobs, self._limits)) as coming:
             for number, answers in enumerate(coming, n_known):
                 if number == len(self._rows):  # else another iterator was here before
                     self._rows.append([answer.row for answer in answers])
@@ -70,7 +71,7 @@ class Survey:
         from topokit.pages import write_html
 
         questions = replace(self._questions, with_page=True)
-        with closing(examine_each(self._sources, questions, self._jobs)) as coming:
+        with closing(examine_each(self._sources, questions, self._jobs, self._limits)) as coming:
             write_html((entry(answer) for answers in coming for answer in answers), path, title=title)
 
     def summary(self) -> SurveySummary:
@@ -90,6 +91,8 @@ def survey(
     paths: Paths,
     *,
     jobs: int = 1,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
     adapter: str | None = None,
     labels: Literal["all"] | Sequence[int] | None = None,
     details: bool = False,
@@ -102,6 +105,9 @@ def survey(
             an adapter knows.
         jobs: number of processes; 1 stays in this one, 0 is one for each core. A process that dies, as in a reader
             that crashes, costs one row; adapters must then be installed packages, not registered in a script.
+        time_limit: seconds that a file may take; one that takes longer costs a row with an error. Files are then
+            examined in processes of their own, also if there is only one job.
+        memory_limit: GiB of memory that the process of a file may hold, likewise; Python and torch take 0.3 of it.
         adapter: name of the adapter to use; by content and suffix by default.
         labels: examine each label of labeled volumes as a shape of its own: "all" or a list of them.
         details: as for `Shape.report`.
@@ -111,7 +117,7 @@ def survey(
         A `Survey`: iterate over it, or take its `rows`, its `summary()` or the `distance()` to another one.
 
     Raises:
-        InputError: if `jobs` is negative.
+        InputError: if `jobs` is negative, or a limit is not positive.
 
     Example:
         >>> import tempfile, topokit as tk
@@ -125,26 +131,32 @@ def survey(
     """
     if jobs < 0:
         raise InputError(f"jobs must be 0 or more, not {jobs}.")
+    for name, limit in (("time_limit", time_limit), ("memory_limit", memory_limit)):
+        if limit is not None and not limit > 0:
+            raise InputError(f"{name} must be positive, not {limit}.")
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
     questions = Questions(Given(adapter, options), labels, details)
-    return Survey(find_sources(paths, adapter), questions, jobs)
+    return Survey(find_sources(paths, adapter), questions, jobs, Limits(time_limit, memory_limit))
 
 
-def examine_each(sources: Sequence[Source], questions: Questions, jobs: int) -> Generator[list[Answer]]:
+def examine_each(
+    sources: Sequence[Source], questions: Questions, jobs: int, limits: Limits = NO_LIMITS
+) -> Generator[list[Answer]]:
     """The answers about each source, in order, as they come.
 
     Args:
         sources: files.
         questions: what to ask.
-        jobs: number of processes; 1 stays in this one, 0 is one for each core.
+        jobs: number of processes; 1 stays in this one unless there are limits, 0 is one for each core.
+        limits: on each file.
     """
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
     jobs = jobs or n_cores()
-    if jobs == 1 or not sources:
+    if (jobs == 1 and not limits) or not sources:
         yield from map(ask, sources)
         return
-    with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death)) as coming:
+    with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death, limits)) as coming:
         yield from coming
 
 
@@ -156,4 +168,4 @@ def entry(answer: Answer) -> Entry:
 
 
 def _after_death(source: Source, how: str) -> list[Answer]:
-    return [failure(source, f"{source.name}: the process that examined it died ({how}).", None)]
+    return [failure(source, f"{source.name}: {how}.", None)]

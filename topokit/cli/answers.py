@@ -19,6 +19,7 @@ from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, sources_of
 from topokit.cli.writers import Writer
+from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
 from topokit.report.wording import plural
 
@@ -71,8 +72,8 @@ def answer_files(
         _say_what_was_passed_over(found, request.verbose)
         with (
             progress_bar(_names_for_bar(found, opener)) as bar,
-            closing(make_writer(stream, found)) as writer,
-            closing(examine_each(found.sources, questions, request.jobs)) as coming,
+            _finished(make_writer(stream, found)) as writer,
+            closing(examine_each(found.sources, questions, request.jobs, request.limits)) as coming,
         ):
             _write_page(shown(coming, writer, bar, stream.isatty()), html)
     raise typer.Exit(int(has_failed))
@@ -95,13 +96,20 @@ def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
         raise typer.BadParameter(f"--html: {error}") from error
 
 
+@contextmanager
+def _finished(writer: Writer) -> Iterator[Writer]:
+    """A writer that is closed at the end, also if a signal ends the process."""
+    with finally_do(writer.close):
+        yield writer
+
+
 def say(message: str) -> None:
     """A line on standard error."""
     typer.echo(f"topokit: {message}", err=True)
 
 
 def _show(answer: Answer, writer: Writer, bar: Bar | None, verbose: bool) -> None:
-    with nullcontext() if bar is None else bar.hidden():
+    with written_whole(), nullcontext() if bar is None else bar.hidden():
         writer.write(answer)
         if answer.error is not None:
             say(answer.error)

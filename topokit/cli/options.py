@@ -24,7 +24,7 @@ _TEXTS = {
     "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
     "regularize": "Points: true moves them onto the surface of their winding number.",
     "level": "Volumes and networks: value on the surface.",
-    "label": "Volumes: voxels with this label are the solid.",
+    "label": "Volumes: voxels with this label, or with one of several, as 1,2, are the solid.",
     "connectivity": "Volumes: 6 or 26.",
     "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",
     "origin": "Volumes: position of the first voxel, as 0,0,-40.",

@@ -8,6 +8,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from topokit.ending import finally_do
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
@@ -81,9 +83,9 @@ def progress_bar(names: Sequence[str]) -> Iterator[Bar]:
     if console.is_interactive:
         os.environ[_NO_OTHER_BARS] = "0"
     try:
-        yield Bar(names, bar if console.is_interactive else None)
+        with finally_do(bar.stop):
+            yield Bar(names, bar if console.is_interactive else None)
     finally:
-        bar.stop()
         if before is None:
             os.environ.pop(_NO_OTHER_BARS, None)
         else:

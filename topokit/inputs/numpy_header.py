@@ -11,6 +11,7 @@ from typing import Any, Literal
 from topokit.errors import ReadError
 from topokit.inputs.files import ZIP
 from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.unpacking import unpacked
 
 NUMPY = b"\x93NUMPY"
 
@@ -23,7 +24,8 @@ def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | No
     if not beginning.startswith(NUMPY) and not (beginning.startswith(ZIP) and b".npy" in beginning):
         return None
     try:
-        shapes = array_shapes(path)
+        with unpacked(path) as plain:
+            shapes = array_shapes(plain)
     except ReadError:
         return "points"
     return "volume" if "points" not in shapes and any(len(shape) == 3 for shape in shapes.values()) else "points"

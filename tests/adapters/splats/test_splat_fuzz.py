@@ -36,7 +36,7 @@ from topokit.adapters.splats.formats import ply
 from topokit.errors import InputError, ReadError, UnknownFormatError
 
 REFUSALS = (InputError, ReadError, UnknownFormatError)
-N_FILES = 2000
+N_FILES = [400, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each format
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used
 MEBIBYTES = 64  # of growth per format, where the files have kilobytes
@@ -199,28 +199,30 @@ def read_all(files: Iterator[bytes], path: Path) -> tuple[int, list[str]]:
     return n_read, refusals
 
 
+@pytest.mark.parametrize("n_files", N_FILES)
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_damaged_files_end_in_a_topokit_error(format_name: str, tmp_path: Path) -> None:
+def test_damaged_files_end_in_a_topokit_error(format_name: str, n_files: int, tmp_path: Path) -> None:
     name, prepare = FORMATS[format_name]
     next_file = prepare(tmp_path)
     read_all((next_file(np.random.default_rng(i)) for i in range(200)), tmp_path / name)  # imports take memory too
     rng = np.random.default_rng(0)
     before, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    n_read, refusals = read_all((next_file(rng) for _ in range(N_FILES)), tmp_path / name)
-    assert len(refusals) > 0.05 * N_FILES, "the mutations do not reach what the reader checks"
-    assert n_read > 0.01 * N_FILES, "the mutations leave nothing to read"
+    n_read, refusals = read_all((next_file(rng) for _ in range(n_files)), tmp_path / name)
+    assert len(refusals) > 0.05 * n_files, "the mutations do not reach what the reader checks"
+    assert n_read > 0.01 * n_files, "the mutations leave nothing to read"
     assert min(map(len, refusals)) > 20, "an error should say what came and what was expected"
     assert time.process_time() - started < SECONDS
     assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024 < MEBIBYTES
 
 
-def test_damaged_sog_folders_end_in_a_topokit_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("n_files", N_FILES)
+def test_damaged_sog_folders_end_in_a_topokit_error(n_files: int, tmp_path: Path) -> None:
     folder = tmp_path / "scene"
     WRITERS["sog-folder"][1](folder, random_scene(20))
     intact = {path.name: path.read_bytes() for path in folder.iterdir()}
     rng = np.random.default_rng(0)
     refused = 0
-    for _ in range(N_FILES):
+    for _ in range(n_files):
         victim = sorted(intact)[int(rng.integers(len(intact)))]
         (folder / victim).write_bytes(mutate(intact[victim], rng))
         try:
@@ -228,7 +230,7 @@ def test_damaged_sog_folders_end_in_a_topokit_error(tmp_path: Path) -> None:
         except REFUSALS:
             refused += 1
         (folder / victim).write_bytes(intact[victim])
-    assert refused > 0.05 * N_FILES
+    assert refused > 0.05 * n_files
     for victim in intact:
         (folder / victim).unlink()
         with pytest.raises(ReadError, match=victim if victim != "meta.json" else "is a directory"):

@@ -217,6 +217,10 @@ def test_every_label_as_in_memory(connectivity: int, tmp_path: Path) -> None:
             assert shape.name == expected[label].name.replace(
                 "voxels", "v.zarr" if isinstance(source, Path) else "voxels"
             )
+    several = {"label": [2, 40_000, 9], **place}
+    assert same(
+        tk.from_voxels(labels, block_voxels=200, **several).report(), tk.from_voxels(labels, **several).report()
+    )
     with pytest.raises(InputError, match="no voxel has the label 7"):
         tk.from_labels(labels, [7], block_voxels=200)
     with pytest.raises(InputError, match="labels are whole numbers"):

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import LAS, POINTS, TEXT, is_pcd
+from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
+from topokit.adapters.points.laz import check_chunks
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -70,10 +71,43 @@ def _read_las(path: Path) -> Cloud:
         needed = header.point_count * header.point_format.size
         if header.are_points_compressed:
             require_expansion(path, needed, size)
+            check_chunks(path, header.offset_to_point_data)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
         points = file.read_points(-1)
         return np.stack((points.x, points.y, points.z), axis=1).astype(np.float64), None
+
+
+def _read_e57(path: Path) -> Cloud:
+    """The scans of a file one after the other, in their common coordinates; points that are marked invalid left out."""
+    try:
+        import pye57
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .e57 needs pye57: {_INSTALL}.") from error
+    length = int.from_bytes(head(path)[16:24], "little")
+    require_bytes(path, "its own length", length, path.stat().st_size)
+    damaged = (RuntimeError, LookupError, TypeError, AttributeError, pye57.libe57.E57Exception)
+    with reading(path, "pye57", *damaged), pye57.E57(str(path)) as file:
+        for number in range(file.scan_count):
+            n_points = file.get_header(number).point_count
+            require_expansion(path, 3 * n_points, path.stat().st_size)  # coordinates take a byte at least, seldom less
+        scans = [file.read_scan(number, ignore_missing_fields=True) for number in range(file.scan_count)]
+        columns = [[scan[f"cartesian{axis}"] for axis in "XYZ"] for scan in scans]
+    return np.concatenate([np.empty((0, 3)), *(np.stack(column, axis=1) for column in columns)]), None
+
+
+def _read_obj(path: Path) -> Cloud:
+    """The vertices, and as many normals as there are, if there are so many; colors behind the vertices are ignored."""
+    if not is_obj_cloud(path):
+        raise ReadError(f"{path} has faces, or no vertices at all: topokit.from_mesh reads its faces.")
+    rows: dict[bytes, list[list[bytes]]] = {b"v": [], b"vn": []}
+    with path.open("rb") as file:
+        for line in file:
+            words = line.split()
+            if len(words) > 3 and words[0] in rows:
+                rows[words[0]].append(words[1:4])
+    points, normals = (np.array(rows[key], dtype=np.float64).reshape(-1, 3) for key in (b"v", b"vn"))
+    return points, normals if len(points) == len(normals) else None
 
 
 def _read_pcd(path: Path) -> Cloud:
@@ -163,5 +197,7 @@ _FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Cloud
     ("NPY", lambda _, start: start.startswith(NUMPY), _read_npy),
     ("NPZ", lambda _, start: start.startswith(ZIP), _read_npz),
     ("PCD", lambda _, start: is_pcd(start), _read_pcd),
+    ("E57", lambda _, start: start.startswith(E57), _read_e57),
+    ("OBJ", lambda path, _: path.suffix.lower() == ".obj", _read_obj),
     ("text", lambda path, _: path.suffix.lower() in TEXT, _read_text),
 )

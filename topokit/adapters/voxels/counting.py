@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.field import Labels, listed
 from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box, Division
@@ -28,12 +29,14 @@ class Seen(NamedTuple):
         low, high: of all that are not NaN; of a block with voxels inside only if they decide what is inside.
         n_nan: number of NaN.
         is_binary: whether all others are 0 or `high`.
+        labels: those that were looked for and found.
     """
 
     low: float
     high: float
     n_nan: int
     is_binary: bool
+    labels: frozenset[float] = frozenset()
 
     def joined(self, other: Seen) -> Seen:
         """Those of two blocks."""
@@ -43,6 +46,7 @@ class Seen(NamedTuple):
             max(self.high, other.high),
             self.n_nan + other.n_nan,
             self.is_binary and other.is_binary and len(highs) <= 1,
+            self.labels | other.labels,
         )
 
 
@@ -59,20 +63,27 @@ class Solid:
 
     Attributes:
         level: voxels above it are inside; None if the values must be those of a binary volume.
-        label: voxels equal to it are inside, if it is given.
+        labels: voxels equal to one of them are inside, if there are any.
         connectivity: 6 or 26.
     """
 
     level: float | None
-    label: float | None
+    labels: Labels
     connectivity: int
 
-    def mark(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> None:
-        """Write which voxels are inside."""
-        if self.label is not None:
-            np.equal(values, self.label, out=inside)
-        else:
+    def mark(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> frozenset[float]:
+        """Write which voxels are inside; returns the labels that there are."""
+        if not self.labels:
             np.greater(values, self.level or 0, out=inside)
+            return frozenset()
+        present = set()
+        inside[:] = False
+        for label in self.labels:
+            has_label = values == label
+            if has_label.any():
+                present.add(label)
+                inside |= has_label
+        return frozenset(present)
 
     def check(self, seen: Seen, is_empty: bool) -> tuple[str, ...]:
         """Sentences for the report about the values of the whole volume.
@@ -82,19 +93,20 @@ class Solid:
         """
         if seen.low > seen.high and is_empty:
             raise InputError("all voxels are NaN.")
-        if self.level is None and self.label is None and not (seen.is_binary and seen.low >= 0):
+        if self.level is None and not self.labels and not (seen.is_binary and seen.low >= 0):
             raise InputError(
                 f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass "
                 "level=… (inside is above it) or, for a labeled volume, label=…"
             )
         if is_empty:
-            wanted = (
-                f"equals the label {self.label}"
-                if self.label is not None
-                else f"is above the level {self.level or 0:g}"
-            )
+            above = f"is above the level {self.level or 0:g}"
+            wanted = f"equals the label {listed(self.labels)}" if self.labels else above
             raise InputError(f"no voxel {wanted}: the volume's values go from {seen.low:g} to {seen.high:g}.")
-        return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",) if seen.n_nan else ()
+        if absent := tuple(label for label in self.labels if label not in seen.labels):
+            return (f"No voxel has the label {listed(absent)}.",)
+        if seen.n_nan and not self.labels:
+            return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",)
+        return ()
 
 
 @dataclass(frozen=True)
@@ -123,15 +135,16 @@ class BlockCount:
         ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, self.shape, strict=True)]
         is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), is_dual)
         inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
-        self.solid.mark(values, inner)
+        labels = self.solid.mark(values, inner)
         if is_dual:
             np.logical_not(inner, out=inner)
         part = count_part(is_six, (x, y, z), (n_x, n_y, n_z))
-        return Found(part, self._seen(values, is_empty=bool((part.is_six == is_dual).all())))
+        is_empty = bool((part.is_six == is_dual).all())
+        return Found(part, self._seen(values, is_empty)._replace(labels=labels))
 
     def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
         n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
-        must_be_binary = self.solid.level is None and self.solid.label is None and values.dtype != bool
+        must_be_binary = self.solid.level is None and not self.solid.labels and values.dtype != bool
         if n_nan == values.size or not (must_be_binary or is_empty):
             return Seen(np.inf, -np.inf, n_nan, True)
         known = values[~np.isnan(values)] if n_nan else values

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from topokit.adapters.voxels.field import Labels, listed
 from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
@@ -72,7 +73,7 @@ def label_in_blocks(
     part = PartOfVolume(blocks.volume, (x, y, z), f"{blocks.volume.name}, label {label}")
     a, b, c = (start + step * side.start for start, step, side in zip(origin, spacing, box, strict=True))
     own = Blocks(part, Division.of(part.chunks, blocks.most_voxels), blocks.most_voxels, blocks.client)
-    return shape_in_blocks(own, spacing, (a, b, c), None, label, connectivity, n_neighbors)
+    return shape_in_blocks(own, spacing, (a, b, c), None, (label,), connectivity, n_neighbors)
 
 
 def _boxes_in_block(source: Any, block: Box) -> dict[int, LabelBox]:
@@ -93,7 +94,7 @@ def shape_in_blocks(
     spacing: Spacing,
     origin: Corner,
     level: float | None,
-    label: float | None,
+    labels: Labels,
     connectivity: int,
     n_neighbors: int | None,
 ) -> Shape:
@@ -110,9 +111,9 @@ def shape_in_blocks(
 
     return Shape(
         refuse,
-        lambda: answer_in_blocks(volume, blocks.division, Solid(level, label, connectivity), grid, blocks.client),
+        lambda: answer_in_blocks(volume, blocks.division, Solid(level, labels, connectivity), grid, blocks.client),
         surface=refuse,
         name=volume.name,
-        notes=() if label is None else (f"The solid is the voxels with label {label}.",),
+        notes=(f"The solid is the voxels with label {listed(labels)}.",) if labels else (),
         n_neighbors=n_neighbors,
     )

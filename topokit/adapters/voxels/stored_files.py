@@ -20,7 +20,7 @@ from topokit.adapters.voxels.stored import (
     stored_array,
 )
 from topokit.errors import InputError, MissingDependencyError, ReadError
-from topokit.inputs.files import existing_file, head
+from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.reading import reading
 
@@ -39,7 +39,7 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
         MissingDependencyError: if the package for its format is not installed.
         InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
     """
-    found = _stored_file(Path(volume), dataset) if isinstance(volume, str | os.PathLike) else stored_array(volume)
+    found = _stored_file(user_path(volume), dataset) if isinstance(volume, str | os.PathLike) else stored_array(volume)
     if dataset is not None and (found is None or isinstance(found, MappedVolume)):
         raise InputError(f"dataset={dataset!r} names an array in a zarr group or HDF5 file; this is neither.")
     return found
@@ -61,7 +61,8 @@ def readable_in_blocks(volume: Any) -> StoredVolume:
 def _stored_file(path: Path, dataset: str | None) -> StoredVolume | None:
     if path.is_dir():
         return _zarr_volume(path, dataset) if is_zarr(path) else None
-    start = head(existing_file(path))
+    with existing_file(path).open("rb") as file:
+        start = file.read(len(HDF5))  # of a gzip file its own: that is read as a whole
     if start.startswith(HDF5):
         return _hdf_volume(path, dataset)
     if start.startswith(NUMPY) and len(array_shapes(path).get("", ())) == 3:
@@ -79,7 +80,9 @@ def _zarr_volume(path: Path, dataset: str | None) -> StoredVolume:
     with reading(path, "zarr", BaseZarrError, LookupError, TypeError):
         found: Any = zarr.open(path, mode="r")
         if isinstance(found, zarr.Group):
-            arrays = {name: part for name, part in found.members(max_depth=None) if isinstance(part, zarr.Array)}
+            arrays = {
+                name: part for name, part in sorted(found.members(max_depth=None)) if isinstance(part, zarr.Array)
+            }
             found = arrays[_chosen(path, {name: one.shape for name, one in arrays.items()}, dataset or _finest(found))]
     return IndexedVolume(found, path.name)
 

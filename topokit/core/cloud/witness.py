@@ -41,6 +41,7 @@ from topokit.core.cloud.neighborhoods import (
 from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
 from topokit.core.cloud.wires import WireReading, read_wire
+from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
@@ -191,7 +192,7 @@ def _look(cloud: _Cloud) -> tuple[_Look, Preparation, Floats]:
     kept, moved = averaged(cloud.points, surface.tree)
     part = _Cloud(moved, None if cloud.normals is None else cloud.normals[kept], None, cloud.oriented)
     look = _look_at_all(part)
-    nearest = cKDTree(moved).query(cloud.points, workers=-1)[1]
+    nearest = nearest_in_tree(cKDTree(moved), cloud.points, 1)
     return replace(look, kept=kept[look.kept], normals=look.normals[nearest]), "averaged", moved
 
 
@@ -255,7 +256,7 @@ def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given:
         return given if look.signs.source == "given" else -given
     normals = look.normals[owner]
     if len(chosen) < len(positions):
-        normals = normals[cKDTree(positions[chosen]).query(positions, workers=-1)[1]]
+        normals = normals[nearest_in_tree(cKDTree(positions[chosen]), positions, 1)]
     return normals if given is None else turned_towards(given, normals)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +16,9 @@ from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box
 
 pytest.importorskip("numba", reason="counting block by block needs numba")
-distributed = pytest.importorskip("distributed")
 dask_array = pytest.importorskip("dask.array")
 
 VOLUME = np.random.default_rng(0).random((30, 40, 50)) < 0.3
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[Any]:
-    """Two worker processes."""
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
 
 
 class DeadlyOnce(StoredVolume):
@@ -48,19 +36,19 @@ class DeadlyOnce(StoredVolume):
         return VOLUME[tuple(slice(*side) for side in box)]
 
 
-def test_workers_count_what_memory_counts(client: Any, tmp_path: Path) -> None:
+def test_workers_count_what_memory_counts(dask_client: Any, tmp_path: Path) -> None:
     np.save(tmp_path / "v.npy", VOLUME)
     expected = tk.from_voxels(VOLUME, connectivity=6).report()
     sources = (VOLUME, tmp_path / "v.npy", dask_array.from_array(VOLUME, chunks=(11, 13, 17)))
     for source in sources:
-        found = tk.from_voxels(source, connectivity=6, block_voxels=3000, client=client).report()
+        found = tk.from_voxels(source, connectivity=6, block_voxels=3000, client=dask_client).report()
         assert (found.euler, found.reasons) == (expected.euler, expected.reasons)
         assert found.per_component == expected.per_component
 
 
-def test_a_worker_that_dies_costs_a_retry(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_that_dies_costs_a_retry(dask_client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mark = tmp_path / "killed"
     monkeypatch.setattr("topokit.adapters.voxels.large.stored_volume", lambda *_: DeadlyOnce(mark))
-    found = tk.from_voxels("deadly", block_voxels=1500, client=client).report()
+    found = tk.from_voxels("deadly", block_voxels=1500, client=dask_client).report()
     assert int(mark.read_text()) != os.getpid()
     assert found.per_component == tk.from_voxels(VOLUME).report().per_component

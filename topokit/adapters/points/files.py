@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
+from topokit.adapters.points.laz import check_chunks
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -70,6 +71,7 @@ def _read_las(path: Path) -> Cloud:
         needed = header.point_count * header.point_format.size
         if header.are_points_compressed:
             require_expansion(path, needed, size)
+            check_chunks(path, header.offset_to_point_data)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
         points = file.read_points(-1)

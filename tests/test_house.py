@@ -29,7 +29,7 @@ FLOORS = [
 ]
 CORE_FLOORS = [
     {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"}
-    | {"device_neighbors", "kd_order", "selection", "residence"},
+    | {"device_neighbors", "jacobi", "kd_order", "residence", "selection"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy"},
     {"handles"},

@@ -54,7 +54,8 @@ def nearest_neighbors(
         raise InputError(f"search method {method!r} is unknown; use 'auto', 'kd-tree' or 'device'.")
     items = points.detach().reshape(-1, n_points, 3)
     sizes = None if lengths is None else lengths.reshape(-1)
-    if method == "device" or (method == "auto" and stays_on_device(points)):
+    may_stay = stays_on_device(points) and points.device.type != "mps"  # that lacks the float64 of the search
+    if method == "device" or (method == "auto" and may_stay):
         found = device_neighbors(items, n_neighbors, sizes)
     else:
         counts = [n_points] * len(items) if sizes is None else sizes.tolist()

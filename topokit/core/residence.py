@@ -12,9 +12,10 @@ from torch import Tensor
 _asked_for: ContextVar[bool] = ContextVar("as_on_accelerator", default=False)
 
 
-def stays_on_device(tensor: Tensor) -> bool:
-    """Whether to work in torch operations alone, without looking at values on the host."""
-    return tensor.device.type != "cpu" or torch.compiler.is_compiling() or _asked_for.get()
+def stays_on_device(where: Tensor | torch.device) -> bool:
+    """Whether to work in torch operations alone on a tensor or device, without looking at values on the host."""
+    device = where.device if isinstance(where, Tensor) else where
+    return device.type != "cpu" or torch.compiler.is_compiling() or _asked_for.get()
 
 
 @contextmanager

@@ -118,6 +118,11 @@ class VoxelField(Field):
         self.volume, self.level, self.label = volume, level, label
         self.is_binary = label is not None or volume.dtype == torch.bool
 
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self.volume.device
+
     def inside(self) -> Tensor:
         """(X, Y, Z) bool."""
         return self._is_inside(self.volume)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
-from topokit.adapters.points.laz import check_chunks
+from topokit.adapters.points.laz import check_chunks, panics_as_errors
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -74,7 +74,8 @@ def _read_las(path: Path) -> Cloud:
             check_chunks(path, header.offset_to_point_data)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
-        points = file.read_points(-1)
+        with panics_as_errors(path):
+            points = file.read_points(-1)
         return np.stack((points.x, points.y, points.z), axis=1).astype(np.float64), None
 
 
@@ -123,6 +124,7 @@ def _read_pcd(path: Path) -> Cloud:
     damaged = (LookupError, TypeError, RuntimeError)
     with reading(path, "pypcd4", *damaged):
         header = MetaData.parse_header(found.group().decode("utf-8").splitlines())
+        require_bytes(path, "values of each point", sum(header.count), len(content))
         needed = header.points * header.build_dtype().itemsize
     available = len(content) - found.end()
     if found.group(1) == b"binary_compressed":

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from topokit.errors import ReadError
+from topokit.errors import ReadError, summary
 from topokit.inputs.reading import require_bytes
 
 
@@ -29,6 +31,24 @@ def check_chunks(path: Path, offset_to_points: int) -> None:
         file.seek(place + 4)  # behind the version
         n_chunks = int.from_bytes(file.read(4), "little")
     require_bytes(path, f"{n_chunks} chunks of compressed points", n_chunks, size)
+
+
+@contextmanager
+def panics_as_errors(path: Path) -> Iterator[None]:
+    """Turn a panic of laz-rs, which is no `Exception` in Python, into an error about the file.
+
+    Raises:
+        ReadError: instead of a panic.
+    """
+    try:
+        yield
+    except _panics() as error:
+        raise ReadError(f"{path} could not be read by laz-rs ({summary(error)}): it is damaged.") from error
+
+
+def _panics() -> tuple[type[BaseException], ...]:
+    """The classes of panics: each library in Rust makes one of its own with its first panic, in no module."""
+    return tuple(kind for kind in BaseException.__subclasses__() if kind.__module__ == "pyo3_runtime")
 
 
 def _integer(file: BinaryIO, at: int) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
-from topokit.adapters.points.laz import check_chunks, panics_as_errors
+from topokit.adapters.points.laz import check_chunks, reading_laz
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -36,7 +36,8 @@ def read_points(path: Path) -> Cloud:
     beginning = head(path)
     for name, recognizes, read in _FORMATS:
         if recognizes(path, beginning):
-            with reading(path, f"the {name} reader", extra="topokit[formats]"):
+            quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
+            with quiet, reading(path, f"the {name} reader", extra="topokit[formats]"):
                 points, normals = read(path)
             if len(points) == 0:
                 raise ReadError(f"{path} holds no points.")
@@ -64,7 +65,7 @@ def _read_las(path: Path) -> Cloud:
     n_records = int.from_bytes(head(path)[100:104], "little")
     require_bytes(path, f"{n_records} variable length records", 54 * n_records, size)
     damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
-    with reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
+    with reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
         header = file.header
         if header.are_points_compressed and not laspy.LazBackend.detect_available():
             raise MissingDependencyError("Reading .laz needs a backend of laspy: pip install lazrs.")
@@ -74,8 +75,7 @@ def _read_las(path: Path) -> Cloud:
             check_chunks(path, header.offset_to_point_data)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
-        with panics_as_errors(path):
-            points = file.read_points(-1)
+        points = file.read_points(-1)
         return np.stack((points.x, points.y, points.z), axis=1).astype(np.float64), None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -34,21 +35,23 @@ def check_chunks(path: Path, offset_to_points: int) -> None:
 
 
 @contextmanager
-def panics_as_errors(path: Path) -> Iterator[None]:
-    """Turn a panic of laz-rs, which is no `Exception` in Python, into an error about the file.
+def reading_laz(path: Path) -> Iterator[None]:
+    """Turn errors of laz-rs, and its panics, which are no `Exception` in Python, into errors about the file.
 
     Raises:
-        ReadError: instead of a panic.
+        ReadError: instead of an error or a panic.
     """
     try:
         yield
-    except _panics() as error:
+    except _of_laz_rs() as error:
         raise ReadError(f"{path} could not be read by laz-rs ({summary(error)}): it is damaged.") from error
 
 
-def _panics() -> tuple[type[BaseException], ...]:
-    """The classes of panics: each library in Rust makes one of its own with its first panic, in no module."""
-    return tuple(kind for kind in BaseException.__subclasses__() if kind.__module__ == "pyo3_runtime")
+def _of_laz_rs() -> tuple[type[BaseException], ...]:
+    """What the library raises; the class of panics is made with the first one, in a module that cannot be imported."""
+    panics = [kind for kind in BaseException.__subclasses__() if kind.__module__ == "pyo3_runtime"]
+    library = sys.modules.get("lazrs")  # laspy has imported it if it is there
+    return tuple(panics) if library is None else (library.LazrsError, *panics)
 
 
 def _integer(file: BinaryIO, at: int) -> int:

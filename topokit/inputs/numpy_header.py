@@ -59,11 +59,12 @@ def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
     from numpy.lib import format as npy
 
     if npy.read_magic(file) == (1, 0):
-        shape, _, dtype = npy.read_array_header_1_0(file)
+        read = npy.read_array_header_1_0
     else:
-        length = file.read(4)
+        length, read = file.read(4), npy.read_array_header_2_0
         require_bytes(path, "its own header", int.from_bytes(length, "little"), size)
         file.seek(-len(length), os.SEEK_CUR)
-        shape, _, dtype = npy.read_array_header_2_0(file)
+    with reading(path, "NumPy", TypeError):  # of keys that cannot be sorted
+        shape, _, dtype = read(file)
     require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
     return tuple(shape)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
-from topokit.adapters.points.laz import check_chunks, reading_laz
+from topokit.adapters.points.laz import check_packing, reading_laz
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -63,6 +63,7 @@ def _read_las(path: Path) -> Cloud:
         raise MissingDependencyError(f"Reading .las needs laspy: {_INSTALL}.") from error
     size = path.stat().st_size
     n_records = int.from_bytes(head(path)[100:104], "little")
+    require_bytes(path, "points behind its header", int.from_bytes(head(path)[96:100], "little"), size)
     require_bytes(path, f"{n_records} variable length records", 54 * n_records, size)
     damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
     with reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
@@ -72,7 +73,7 @@ def _read_las(path: Path) -> Cloud:
         needed = header.point_count * header.point_format.size
         if header.are_points_compressed:
             require_expansion(path, needed, size)
-            check_chunks(path, header.offset_to_point_data)
+            check_packing(path, header)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
         points = file.read_points(-1)

@@ -85,7 +85,7 @@ def _of_laz_rs() -> tuple[type[BaseException], ...]:
 
 
 def _check_layers(path: Path, offset_to_points: int, record: bytes, width: int, n_layers: int) -> None:
-    """Refuse chunks whose layers are longer than they are: a point, a count and the lengths of the layers come first."""
+    """Refuse chunks that are shorter than their layers: a point, a count and the lengths of its layers come first."""
     import lazrs
 
     begins = width + 4

@@ -68,6 +68,7 @@ def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs:
     assert len(json.loads(beginning + rest)) >= 5
 
 
+@pytest.mark.long
 def test_two_processes_give_the_same_lines(folder: Path) -> None:
     found = [
         subprocess.run([*TOPOKIT, "euler", folder, "--jobs", jobs], capture_output=True, text=True, timeout=240)

@@ -31,7 +31,7 @@ CORE_FLOORS = [
     {"samples", "neighbors", "kd_tree", "linalg", "chunks"}
     | {"components", "labels", "draws", "threads", "surface", "loops"},
     {"local", "grid"},
-    {"cloud", "mesh", "implicit", "homotopy"},
+    {"cloud", "mesh", "implicit", "homotopy", "blocks"},
     {"handles"},
 ]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "potpourri3d", "rich", "typer")

@@ -30,6 +30,7 @@ class Request:
         format: of standard input, as the suffix of a file.
         labels: as for `topokit.survey`.
         jobs: number of processes.
+        cluster: address of the scheduler whose workers examine the files, or "local"; or None.
         limits: on each file.
         conditions: what makes the exit code 1.
         keep_going: whether to go on after a failure.
@@ -39,6 +40,7 @@ class Request:
     format: str | None
     labels: Literal["all"] | tuple[int, ...] | None
     jobs: int
+    cluster: str | None
     limits: Limits
     conditions: Sequence[Condition]
     keep_going: bool
@@ -66,6 +68,10 @@ _OPTIONS = {
     "jobs": Annotated[
         int | None, typer.Option("-j", "--jobs", min=0, help="Processes; 0 is one for each core.", show_default="1")
     ],
+    "cluster": Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS|local", help="Dask scheduler whose workers examine the files."),
+    ],
     **LIMITS,
     "fail_on": Annotated[
         list[str] | None,
@@ -83,6 +89,7 @@ def _request(
     format: str | None,
     labels: str | None,
     jobs: int | None,
+    cluster: str | None,
     time_limit: float | None,
     memory_limit: float | None,
     fail_on: list[str] | None,
@@ -95,7 +102,12 @@ def _request(
         raise typer.BadParameter(f"--fail-on: {error}") from error
     is_going = keep_going is None or keep_going
     limits = Limits(time_limit, memory_limit)
-    return Request(format, _labels(labels), 1 if jobs is None else jobs, limits, conditions, is_going, bool(verbose))
+    if cluster is not None and limits:
+        raise typer.BadParameter(
+            "--time-limit and --memory-limit are for processes of this machine, not for --cluster."
+        )
+    n_jobs = int(cluster is None) if jobs is None else jobs
+    return Request(format, _labels(labels), n_jobs, cluster, limits, conditions, is_going, bool(verbose))
 
 
 def _labels(text: str | None) -> Literal["all"] | tuple[int, ...] | None:

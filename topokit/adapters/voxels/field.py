@@ -17,6 +17,11 @@ SLAB = 16  # layers handled at a time
 Labels = tuple[float, ...]
 
 
+def listed(labels: Labels) -> str:
+    """Labels in a sentence."""
+    return " or ".join(map(str, labels))
+
+
 class VoxelField(Field):
     """Gray values minus their level, or +½ and −½ for a binary volume or for labels."""
 

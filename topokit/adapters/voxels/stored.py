@@ -5,7 +5,6 @@ All of these can be sent to other processes, which then read for themselves.
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
@@ -42,7 +41,7 @@ class StoredVolume(ABC):
         Raises:
             InputError: if this is no volume of real numbers.
         """
-        if len(shape) != 3 or 0 in shape:
+        if len(shape) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
             raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.")
         x, y, z = map(int, shape)
         self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
@@ -110,25 +109,26 @@ class DaskVolume(IndexedVolume):
 
 
 class HdfVolume(StoredVolume):
-    """A data set in an HDF5 file, which every process opens for itself."""
+    """A data set in an HDF5 file; other processes open the file for themselves."""
 
-    def __init__(self, path: str | os.PathLike[str], dataset: str, name: str = "voxels") -> None:
-        """Args: the file, the data set's path in it, and what to call the volume."""
-        self._path, self._dataset = Path(path).resolve(), dataset
-        with self._open() as file:
-            found = file[dataset]
-            chunks = found.chunks or _contiguous(found.shape)
-            super().__init__(name, found.shape, found.dtype, chunks)
+    def __init__(self, dataset: Any, name: str = "voxels") -> None:
+        """Args: an `h5py.Dataset`, and what to call it."""
+        shape = dataset.shape or ()
+        super().__init__(name, shape, dataset.dtype, dataset.chunks or _contiguous(shape))
+        self._path, self._place, self._dataset = Path(dataset.file.filename).absolute(), dataset.name, dataset
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
-        with reading(self._path, "h5py"), self._open() as file:
-            return np.asarray(file[self._dataset][_slices(box)])
+        with reading(self._path, "h5py"):
+            if self._dataset is None:
+                import h5py
 
-    def _open(self) -> Any:
-        import h5py
+                self._dataset = h5py.File(self._path, "r")[self._place]
+            return np.asarray(self._dataset[_slices(box)])
 
-        return h5py.File(self._path, "r")
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process: all but the open file."""
+        return vars(self) | {"_dataset": None}
 
 
 class MappedVolume(StoredVolume):
@@ -175,8 +175,7 @@ def stored_array(volume: object) -> StoredVolume | None:
     """An array that can be read box by box; None for what is in memory already, or is no array."""
     kind = type(volume).__module__.partition(".")[0]
     if kind == "h5py" and hasattr(volume, "file"):
-        found: Any = volume
-        return HdfVolume(found.file.filename, found.name)
+        return HdfVolume(volume)
     if kind == "dask" and hasattr(volume, "dask"):
         return DaskVolume(volume)
     if isinstance(volume, np.memmap):

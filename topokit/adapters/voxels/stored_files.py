@@ -112,9 +112,10 @@ def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
         if isinstance(found, h5py.Dataset):
             shapes[name] = found.shape or ()
 
-    with reading(path, "h5py", LookupError, RuntimeError), h5py.File(path, "r") as file:
+    with reading(path, "h5py", LookupError, RuntimeError):
+        file = h5py.File(path, "r")  # stays open as long as the volume needs it
         file.visititems(note)
-    return HdfVolume(path, _chosen(path, shapes, dataset), path.name)
+    return HdfVolume(file[_chosen(path, shapes, dataset)], path.name)
 
 
 def _chosen(path: Path, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.blocks.planes import gather_nodes, join_planes, label_plane, number_roots, write_dense, write_runs
+from topokit.errors import InputError
 
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
@@ -27,6 +28,8 @@ _PLACES = 1 << 12  # pairs of regions whose sums are kept at hand while voxels a
 _MOST_FULL = (
     1 << 17
 )  # cubes between two planes that are joined at once: bounds the memory for sums that lose their place
+
+_MOST_NODES = np.iinfo(np.int32).max - 1  # regions before they are united; labels are ± numbers of 32 bits
 
 
 class Faces(NamedTuple):
@@ -194,6 +197,11 @@ class _Forest:
 
     def _reserve(self, n_more: int) -> None:
         """Make room for more nodes."""
+        if self._n_nodes + n_more > _MOST_NODES:
+            raise InputError(
+                f"a box of the volume has more than {self._n_nodes} regions, counted with those that join later, and "
+                f"{_MOST_NODES} are the most: smooth away the noise, or count parts of the volume."
+            )
         missing = self._n_nodes + n_more - len(self._parents)
         if missing > 0:
             missing = max(2 * n_more, len(self._parents))  # so that copies are rare

@@ -94,10 +94,8 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     n_x, n_y, n_z = is_six.shape
     faces = tuple(Faces(np.empty(n, np.int32), np.empty(n, np.int32)) for n in ((n_y, n_z), (n_x, n_z), (n_x, n_y)))
     dense = faces[0].high  # always that of the last layer so far
-    before, runs = (
-        Runs.empty((n_y, n_z)),
-        Runs.empty((n_y, n_z)),
-    )  # used in turn: fresh memory costs as much as counting
+    # Used in turn: fresh memory for every plane costs as much as counting it.
+    before, runs = Runs.empty((n_y, n_z)), Runs.empty((n_y, n_z))
     for x, plane in enumerate(is_six):
         forest.label(np.ascontiguousarray(plane), (place[0] + x, place[1], place[2]), shape, runs)
         if x > 0:

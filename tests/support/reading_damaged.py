@@ -45,13 +45,24 @@ def reader_of(name: str) -> Callable[[Path], Any]:
         from topokit.adapters.mesh.files import read_mesh
 
         return read_mesh
-    if "volume" in name or name in ("nii", "nii.gz", "nrrd", "tif"):
+    if name == "nii.gz":
+        return _read_packed
+    if "volume" in name or name.startswith(("nii", "nrrd", "tif")):
         from topokit.adapters.voxels.files import read_volume
 
         return read_volume
     from topokit.adapters.points.files import read_points
 
     return read_points
+
+
+def _read_packed(path: Path) -> Any:
+    """A gzipped volume, unpacked as `topokit.load` does it."""
+    from topokit.adapters.voxels.files import read_volume
+    from topokit.inputs.unpacking import unpacked
+
+    with unpacked(path) as plain:
+        return read_volume(plain)
 
 
 def read_all(files: Iterable[bytes], path: Path, read: Callable[[Path], Any]) -> Outcome:

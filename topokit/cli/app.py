@@ -1,7 +1,7 @@
 """The command line: results on stdout, everything else on stderr.
 
 Exit codes: 0 if all files answered; 1 if some file failed, or a condition of --fail-on was met; 2 for wrong usage; 130
-after an interrupt.
+after an interrupt, 143 after SIGTERM.
 """
 
 from __future__ import annotations

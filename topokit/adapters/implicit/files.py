@@ -25,9 +25,6 @@ _SPLATS = (
     "topokit.from_splats(torch.load(path, weights_only=True))."
 )
 
-# What torch.export raises on damaged archives, beside ValueError and the like.
-_OF_EXPORT = (AssertionError, AttributeError, LookupError, RuntimeError, SyntaxError, TypeError)
-
 
 def read_network(path: Path) -> Function:
     """The function stored in a TorchScript or torch.export archive.
@@ -48,13 +45,20 @@ def read_network(path: Path) -> Function:
             return cast(Function, torch.jit.load(path, map_location="cpu"))
     if kind == "export":
         archive = safe_copy(path)
-        with _quiet(), weights_only(), reading(path, "torch.export.load", *_OF_EXPORT):
+        with _quiet(), weights_only(), reading(path, "torch.export.load", *_of_export()):
             return cast(Function, torch.export.load(archive).module())
     if kind == "pickle":
         raise ReadError(
             f"{path} is a Python pickle (torch.save), which may run any code when it is opened. {_HOW} {_SPLATS}"
         )
     raise ReadError(f"{path} is neither a TorchScript nor a torch.export archive. {_HOW}")
+
+
+def _of_export() -> tuple[type[Exception], ...]:
+    """What torch.export raises on damaged archives, beside ValueError and the like."""
+    from torch._export.verifier import SpecViolationError  # not imported before it is needed: it takes a second
+
+    return (AssertionError, AttributeError, LookupError, RuntimeError, SyntaxError, TypeError, SpecViolationError)
 
 
 @contextmanager

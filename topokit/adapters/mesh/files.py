@@ -62,7 +62,8 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _through_trimesh(path: Path, kind: str) -> Mesh:
-    content = _prepared(path, kind)
+    with reading(path, f"the {kind.upper()} reader"):
+        content = _prepared(path, kind)
     errors: tuple[type[Exception], ...] = (*_OF_TRIMESH, *_of_collada()) if kind == "dae" else _OF_TRIMESH
     with _quiet(), reading(path, "trimesh", *errors, extra="topokit[formats]"):
         mesh = load_flattened(content, kind, path)

@@ -38,6 +38,8 @@ def check_tiff(path: Path, file: Any) -> None:
     for series in file.series[:1]:
         pages = [page for page in series.pages if page is not None]
         is_plain = all(getattr(page, "compression", 0) == 1 for page in pages)
+        longest = max((length for page in pages for length in getattr(page, "databytecounts", ())), default=0)
+        require_bytes(path, "a strip of pixels", longest, path.stat().st_size)
         if is_plain:
             require_bytes(path, f"pages of shape {series.shape}", series.nbytes, path.stat().st_size)
         else:

@@ -27,8 +27,21 @@ def check_gltf(path: Path) -> None:
         ReadError: if it requires Draco or meshopt, is too short, has no tree of nodes, or is damaged.
     """
     description = _description(path)
+    _check_chunks(path)
     _check_compression(path, description)
     _check_sizes(path, description)
+
+
+def _check_chunks(path: Path) -> None:
+    """Refuse a .glb whose chunks are longer than the file."""
+    size, at = path.stat().st_size, 12
+    with path.open("rb") as file:
+        is_binary = file.read(4) == b"glTF"
+        while is_binary and at + 8 <= size:
+            file.seek(at)
+            length = int.from_bytes(file.read(4), "little")
+            require_bytes(path, f"a chunk at byte {at}", length, size - at - 8)
+            at += 8 + length
 
 
 def _check_compression(path: Path, description: dict[str, Any]) -> None:

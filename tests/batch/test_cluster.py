@@ -20,6 +20,7 @@ from topokit.errors import InputError
 
 pytest.importorskip("distributed")
 
+pytestmark = pytest.mark.long  # workers take seconds to start
 DATA = Path(__file__).resolve().parents[1] / "data"
 NAMES = ("sphere.ply", "torus.stl", "bowl.obj", "truncated.stl")
 

@@ -150,6 +150,14 @@ def test_other_processes_read_the_same(kind: str, tmp_path: Path) -> None:
     assert (np.asarray(sent() if callable(sent) else sent) == volume()[2:9, :, 5:6]).all()
 
 
+def test_the_voxel_sizes_of_an_hdf_file_are_used(tmp_path: Path) -> None:
+    with h5py.File(hdf_path(tmp_path, volume()), "r+") as file:
+        file["group/raw"].attrs["element_size_um"] = (2.0, 1.0, 0.5)
+    expected = tk.from_voxels(volume(), spacing=(2, 1, 0.5)).report()
+    for options in ({}, {"block_voxels": 500}):
+        assert same(tk.load(tmp_path / "v.h5", **options).report(), expected)
+
+
 def test_a_data_set_that_is_being_written_is_read(tmp_path: Path) -> None:
     with h5py.File(hdf_path(tmp_path, volume()), "r+") as file:
         file["group/raw"][0] = 7
@@ -199,8 +207,16 @@ def test_groups_and_images_of_several_levels(tmp_path: Path) -> None:
         tk.load(tmp_path / "image.zarr")
     one = tk.load(tmp_path / "image.zarr", dataset="1").report()
     assert one.euler == tk.from_voxels(volume()[::2, ::2, ::2]).report().euler
-    group.attrs["ome"] = {"multiscales": [{"datasets": [{"path": "0"}, {"path": "1"}]}]}
-    assert tk.load(tmp_path / "image.zarr").report().euler == tk.from_voxels(volume()).report().euler
+    levels = [
+        {"path": name, "coordinateTransformations": [{"type": "scale", "scale": [step, 0.5 * step, 2 * step]}]}
+        for name, step in (("0", 1), ("1", 2))
+    ]
+    group.attrs["ome"] = {"multiscales": [{"datasets": levels}]}
+    for options in ({}, {"block_voxels": 500}):
+        finest = tk.load(tmp_path / "image.zarr", **options).report()
+        assert same(finest, tk.from_voxels(volume(), spacing=(1, 0.5, 2)).report())
+        coarse = tk.load(tmp_path / "image.zarr", dataset="1", **options).report()
+        assert same(coarse, tk.from_voxels(volume()[::2, ::2, ::2], spacing=(2, 1, 4)).report())
     with pytest.raises(ReadError, match="no array 'masks'"):
         tk.load(hdf_path(tmp_path, volume()), dataset="masks")
     with pytest.raises(InputError, match="names an array in a zarr group or HDF5 file"):

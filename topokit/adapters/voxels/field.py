@@ -31,6 +31,11 @@ class VoxelField(Field):
         self.volume, self.level, self.labels = volume, level, labels
         self.is_binary = bool(labels) or volume.dtype == torch.bool
 
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self.volume.device
+
     def inside(self) -> Tensor:
         """(X, Y, Z) bool."""
         return self._is_inside(self.volume)

@@ -10,6 +10,7 @@ from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from topokit.core.stages import listening
+from topokit.ending import finally_do
 from topokit.report.progress import time_left
 
 if TYPE_CHECKING:
@@ -96,10 +97,9 @@ def progress_bar(names: Sequence[str]) -> Iterator[Bar]:
         os.environ[_NO_OTHER_BARS] = "0"
     try:
         shown = Bar(names, bar if console.is_interactive else None)
-        with listening(shown.show_stage) if len(names) == 1 else nullcontext():
+        with finally_do(bar.stop), listening(shown.show_stage) if len(names) == 1 else nullcontext():
             yield shown
     finally:
-        bar.stop()
         if before is None:
             os.environ.pop(_NO_OTHER_BARS, None)
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -30,18 +31,25 @@ class Examination:
     Nothing here depends on the number of neighbors that a user chooses for curvature, nor on the order of questions.
     """
 
-    def __init__(self, samples: SurfaceSamples, *, known_closed: bool) -> None:
+    def __init__(
+        self, samples: SurfaceSamples, *, known_closed: bool, neighbors: Callable[[], Tensor] | None = None
+    ) -> None:
         """
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
+            neighbors: returns what `neighbors` would find, if someone else knows it.
         """
         self.samples = samples
         self._known_closed = known_closed
+        self._find_neighbors = neighbors or self._search
 
     @cached_property
     def neighbors(self) -> Tensor:
         """(N, k) indices of the nearest neighbors; k = 20, or as many as there are."""
+        return self._find_neighbors()
+
+    def _search(self) -> Tensor:
         points = self.samples.points
         with torch.inference_mode(False):  # the indices outlive the mode, and gradients must be able to save them
             return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
@@ -148,7 +156,12 @@ def outward_samples(samples: SurfaceSamples, normals: Tensor, found: tuple[Exami
     """Samples with unit normals (..., N, 3), turned outward where the samples have no signs of their own.
 
     Differentiable in points and normals. If an item bounds no solid, all keep normals without signs.
+
+    Raises:
+        InputError: if the samples are a batch with padding.
     """
+    if samples.lengths is not None:
+        raise InputError("the clouds of this batch have different sizes: make a shape of each to orient or refine it.")
     if samples.oriented:
         return SurfaceSamples(samples.points, normals, areas=samples.areas)
     directions = [one.witness.normals for one in found if one.witness]

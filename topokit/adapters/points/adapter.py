@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -10,11 +11,14 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
-from topokit.core.samples import SurfaceSamples
+from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.residence import stays_on_device
+from topokit.core.samples import SurfaceSamples, is_padding
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
-from topokit.inputs.objects import points_of
+from topokit.inputs.objects import is_frame, points_of
+from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
 _FEW = 0.01  # share of invalid normals up to which their points are dropped; above it all normals are ignored
@@ -24,24 +28,29 @@ def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,
     *,
+    lengths: Tensor | Sequence[int] | None = None,
     n_neighbors: int | None = None,
     regularize: bool = False,
 ) -> Shape:
     """A point cloud as a shape.
 
     Args:
-        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz) or a point cloud
-            of open3d or trimesh, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors
-            and objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32),
-            and tensors their gradient; other arrays become float64.
+        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz .e57 .obj); a
+            data frame with columns x, y, z and perhaps nx, ny, nz; or a point cloud of open3d, trimesh, PyTorch3D,
+            PyVista or vedo, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors and
+            objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32), and
+            tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
+        lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
+            are padding, whose values do not matter.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         regularize: whether to take noise out of points and normals by `Shape.regularized`; without normals this finds
             their signs first, which takes as long as a report.
 
     Returns:
-        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped; the report counts them.
+        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped on the CPU; the report
+        counts them. On accelerators, and in batches, they stay: NaN in gives NaN out, and `report` refuses them.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -58,9 +67,10 @@ def from_points(
     notes: list[str] = []
     if isinstance(points, str | os.PathLike):
         path = existing_file(points)
-        name, (points, stored) = path.name, read_points(path)
+        with unpacked(path) as plain:
+            name, (points, stored) = path.name, read_points(plain)
         normals = stored if normals is None else normals
-    elif not is_array(points) and not isinstance(points, list | tuple):
+    elif is_frame(points) or not (is_array(points) or isinstance(points, list | tuple)):
         points, stored = _of_object(points)
         normals = stored if normals is None else normals
     positions = _tensor(points, "points")
@@ -69,9 +79,13 @@ def from_points(
         raise InputError(
             f"normals must have the shape of the points, {tuple(positions.shape)}, got {tuple(directions.shape)}."
         )
-    if positions.ndim == 2:
+    sizes = None if lengths is None else _lengths(lengths, positions, n_neighbors)
+    if sizes is not None:
+        positions, directions = _without_padding(positions, directions, sizes)
+    if positions.ndim == 2 and not stays_on_device(positions):
         positions, directions = _valid_rows(positions, directions, notes)
-    shape = Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+    samples = SurfaceSamples(positions, directions, lengths=sizes)
+    shape = Shape(samples, name=name, notes=tuple(notes), n_neighbors=n_neighbors)
     return shape.regularized() if regularize else shape
 
 
@@ -82,12 +96,35 @@ def _tensor(values: object, name: str) -> Tensor:
     return tensor
 
 
+def _lengths(lengths: Tensor | Sequence[int], points: Tensor, n_neighbors: int | None) -> Tensor:
+    """The lengths on the points' device; only those that come from the host are looked at."""
+    given = torch.as_tensor(lengths)
+    if given.is_floating_point() or given.shape != points.shape[:-2]:
+        raise InputError(
+            f"lengths must be integers, one for each cloud, of shape {tuple(points.shape[:-2])}; got {given.dtype} of "
+            f"shape {tuple(given.shape)}."
+        )
+    least, most = given_or_default(n_neighbors) + 1, points.shape[-2]
+    if given.device.type == "cpu" and not bool(((given >= least) & (given <= most)).all()):
+        raise InputError(
+            f"lengths must lie between {least}, one more than the neighbors of each point, and {most}, the rows of the "
+            f"batch; got {given.tolist()}."
+        )
+    return given.to(points.device, torch.int64)
+
+
+def _without_padding(points: Tensor, normals: Tensor | None, lengths: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Points and normals with zeros in their padding, which may have held NaN."""
+    padding = is_padding(lengths, points.shape[-2])[..., None]
+    return points.masked_fill(padding, 0), None if normals is None else normals.masked_fill(padding, 0)
+
+
 def _of_object(source: object) -> tuple[Any, Any | None]:
     found = points_of(source)
     if found is None:
         raise InputError(
             f"from_points got {type(source).__name__}; expected a path, a tensor or array (N, 3), anything with "
-            "__dlpack__ or __array__, or a point cloud of open3d or trimesh."
+            "__dlpack__ or __array__, a data frame, or a point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo."
         )
     return found
 

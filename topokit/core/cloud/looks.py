@@ -19,6 +19,7 @@ from topokit.core.cloud.orientation import check_normals, compare_normals, orien
 from topokit.core.cloud.solidity import fills_space
 from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
+from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.stages import begin
 from topokit.errors import InputError
 
@@ -150,7 +151,7 @@ def _look_at_part(
 ) -> Look:
     """A look at some points, perhaps moved, as one at the cloud; every point has the normal of the nearest of them."""
     look = _look_at_all(cloud.reduced(kept, moved), wire)
-    nearest = cKDTree(look.points).query(cloud.points, workers=-1)[1]
+    nearest = nearest_in_tree(cKDTree(look.points), cloud.points, 1)
     return replace(look, kept=kept[look.kept], normals=look.normals[nearest], preparation=preparation)
 
 

@@ -31,6 +31,7 @@ from topokit.core.cloud.neighborhoods import (
 )
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
+from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.stages import stages
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
@@ -138,7 +139,7 @@ def _nearest(targets: Floats, points: Floats) -> Integers:
     tree = cKDTree(targets, balanced_tree=False, compact_nodes=False)
     found = np.empty(len(points), dtype=np.int64)
     for rows in np.array_split(curve_order(points)[0], -(-len(points) // _QUERIES)):  # near each other: twice as fast
-        found[rows] = tree.query(points[rows], workers=-1)[1]
+        found[rows] = nearest_in_tree(tree, points[rows], 1)
     return found
 
 

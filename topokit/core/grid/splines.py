@@ -101,15 +101,15 @@ class GridSampler:
 
 
 def _stencil(points: Tensor, grid: Grid) -> _Stencil:
-    position = (points - points.new_tensor(grid.origin)) / grid.cell
+    along = zip(points.unbind(1), grid.origin, strict=True)
+    position = torch.stack([coordinate - start for coordinate, start in along], dim=1) / grid.cell
     nearest = position.detach().round()
     offset = position - nearest  # in [−1/2, 1/2]
-    limit = torch.tensor(grid.shape, device=points.device) - 2
-    base = torch.minimum(nearest.long().clamp_min(1), limit)
+    base = [vertex.clamp(1, size - 2) for vertex, size in zip(nearest.long().unbind(1), grid.shape, strict=True)]
     weight = torch.stack((0.5 * (0.5 - offset) ** 2, 0.75 - offset**2, 0.5 * (0.5 + offset) ** 2), dim=1)  # (n, 3, 3)
     slope = torch.stack((offset - 0.5, -2.0 * offset, offset + 0.5), dim=1) / grid.cell
     step = torch.arange(-1, 2, device=points.device)
-    ix, iy, iz = (base[:, axis, None] + step for axis in range(3))
+    ix, iy, iz = (vertex[:, None] + step for vertex in base)
     index = (ix[:, :, None, None] * grid.shape[1] + iy[:, None, :, None]) * grid.shape[2] + iz[:, None, None, :]
     return _Stencil(index.reshape(-1, 27), weight.unbind(2), slope.unbind(2))
 

@@ -199,7 +199,7 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     points, axes = dense.points[kept], dense.propagation.normals[kept]
     local = local_geometry(points, samples.areas, axes)
     begin("orientation")
-    found = orient_by_patches(points, axes, dense.propagation.patches[kept], local)
+    found = orient_by_patches(points, axes, dense.propagation.patches[kept], dense.propagation.parts[kept], local)
     source, confirmed = cloud.unsigned_source, None
     if cloud.normals is not None and cloud.oriented:
         kind, confirmed = compare_normals(cloud.normals[kept], found)

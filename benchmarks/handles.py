@@ -55,7 +55,9 @@ def measured(path: Path, name: str) -> dict:
     started = process_time()
     lengths = method(vertices, faces)
     seconds = process_time() - started
-    peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    peak = next(
+        line for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")
+    )
     return {"seconds": seconds, "gib": int(peak.split()[1]) / 2**20, "lengths": lengths}
 
 
@@ -96,7 +98,7 @@ def compare(folder: Path) -> None:
 
 
 def clean_meshes(data: Path) -> Iterator[tuple[str, int, np.ndarray, np.ndarray]]:
-    for row in json.loads((data / "index.json").read_text()):
+    for row in json.loads((data / "index.json").read_text(encoding="utf-8")):
         if row["kind"] == "mesh" and row["clean_truth"] and row["genus"]:
             vertices, faces = (part.numpy() for part in tk.load(data / row["path"]).mesh)
             yield row["name"], row["genus"], vertices.astype(np.float64), faces

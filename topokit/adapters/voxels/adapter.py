@@ -181,7 +181,7 @@ def _as_labels(label: object) -> Labels:
 
 
 def _listed(labels: Labels) -> str:
-    return " or ".join(map(str, labels))
+    return " or ".join(f"{one:.15g}" for one in labels)
 
 
 def _level_and_notes(values: Tensor, level: float | None, labels: Labels) -> tuple[float, tuple[str, ...]]:

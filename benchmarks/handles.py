@@ -55,9 +55,7 @@ def measured(path: Path, name: str) -> dict:
     started = process_time()
     lengths = method(vertices, faces)
     seconds = process_time() - started
-    peak = next(
-        line for line in Path("/proc/self/status").read_text(encoding="utf-8").splitlines() if line.startswith("VmHWM")
-    )
+    peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
     return {"seconds": seconds, "gib": int(peak.split()[1]) / 2**20, "lengths": lengths}
 
 

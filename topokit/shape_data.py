@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, TypeVar, cast
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from topokit.core.grid.field import Field
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.defects import Defect
+from topokit.core.neighbors import nearest_neighbors
+from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
@@ -22,7 +25,8 @@ from topokit.report.examination import Examination
 from topokit.report.report import CountedAnswer
 
 UNNAMED = "shape"
-_NOT_PICKLED = ("_make_samples", "_make_counted", "_examined")
+_NOT_PICKLED = ("_make_samples", "_make_counted", "_examined", "_neighbors")
+Measured = TypeVar("Measured")
 FindDefects = Callable[[bool], tuple[Defect, ...]]
 """The faults of what a shape was made from; told whether to look for self-intersections, too."""
 
@@ -136,26 +140,50 @@ class ShapeData:
 
     def _examinations(self) -> tuple[Examination, ...]:
         """The measurements of every batch item; made again if the tensors were changed in place."""
-        versions, found = self.__dict__.get("_examined", (None, ()))
+        return self._once("_examined", self._examine)
+
+    def _examine(self) -> tuple[Examination, ...]:
+        if stays_on_device(self.samples.points):
+            self.samples.check_finite()
+
+        def neighbors_of(number: int, count: int) -> Callable[[], Tensor]:
+            return lambda: self._known_neighbors()[number, :count]
+
+        return tuple(
+            Examination(item, known_closed=self._known_closed, neighbors=neighbors_of(number, item.n_points))
+            for number, item in enumerate(self.samples.items())
+        )
+
+    @property
+    def _known_closed(self) -> bool:
+        """Whether the surface was counted and has no boundary; the level set of a function may leave its box."""
+        return self.field is None and self.counted is not None and self.counted.closed
+
+    def _once(self, name: str, measure: Callable[[], Measured]) -> Measured:
+        """What was measured, under a name; measured again if the tensors of the samples were changed in place."""
+        versions, found = self.__dict__.get(name, (None, None))
         current = self.samples.versions()
         if versions != current:
-            known_closed = self.field is None and self.counted is not None and self.counted.closed
-            found = tuple(Examination(item, known_closed=known_closed) for item in self.samples.items())
-            self.__dict__["_examined"] = current, found
-        return found
+            found = measure()
+            self.__dict__[name] = current, found
+        return cast(Measured, found)
 
     def _automatic_neighbors(self) -> int:
-        """The number of neighbors that the samples' noise calls for; found again if they were changed in place."""
-        versions, found = self.__dict__.get("_automatic", (None, 0))
-        current = self.samples.versions()
-        if versions != current:
-            found = automatic_neighbors(self.samples.points, self._known_neighbors())
-            self.__dict__["_automatic"] = current, found
-        return found
+        """The number of neighbors that the samples' noise calls for; 20 for batches with padding."""
+        if self.samples.lengths is not None:
+            return DEFAULT_NEIGHBORS
+        return self._once("_automatic", lambda: automatic_neighbors(self.samples.points, self._known_neighbors()))
 
     def _known_neighbors(self) -> Tensor:
-        """(B, N, k) indices of the neighbors that the examinations have found."""
-        return torch.stack([one.neighbors for one in self._examinations()])
+        """(B, N, k) indices of the 20 nearest neighbors, or of as many as there are."""
+        return self._once("_neighbors", self._search)
+
+    def _search(self) -> Tensor:
+        samples = self.samples
+        k = min(DEFAULT_NEIGHBORS, samples.n_points - 1)
+        with torch.inference_mode(False):  # the indices outlive the mode, and gradients must be able to save them
+            found = nearest_neighbors(samples.points, k, lengths=samples.lengths)
+        return found.reshape(-1, samples.n_points, k)
 
     def _only_examination(self) -> Examination:
         if self.samples.points.ndim != 2:

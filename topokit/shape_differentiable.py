@@ -35,8 +35,8 @@ class DifferentiableShape(ShapeData):
 
         Args:
             n_neighbors: number of nearest neighbors; the shape's own by default. If that is None, 20, or as many as the
-                noise calls for, up to 320: it is measured against quadrics in some hundred neighborhoods (see
-                `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` tells.
+                noise calls for, up to 320: it is measured, on the CPU, against quadrics in some hundred neighborhoods
+                (see `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` tells.
             solver: "sylvester", "symmetrized", "plain" or "commuting" (see `topokit.core.local.weingarten`).
             area_method: "exact" or "monte-carlo" (see `topokit.core.local.voronoi`).
             area_resolution: side of the Monte Carlo grid.
@@ -59,6 +59,7 @@ class DifferentiableShape(ShapeData):
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
         normal_method: NormalMethod = "quadric",
+        boundary: bool = True,
     ) -> Tensor:
         """χ⁽⁰⁾: the Euler characteristic estimated from curvature by Gauss–Bonnet, a differentiable real number.
 
@@ -74,6 +75,8 @@ class DifferentiableShape(ShapeData):
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
             normal_method: as for `curvature`; "pca" gives the paper's estimate, and that of the report.
+            boundary: whether to look for a boundary, on the CPU, and add its geodesic curvature. Without it everything
+                stays on the device of the samples: pass False for closed surfaces in a training loop.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from. The term of
@@ -83,7 +86,8 @@ class DifferentiableShape(ShapeData):
             Paper, equation `euler`.
         """
         local = self._curvature(self._settings(n_neighbors, solver, area_method, area_resolution, normal_method))
-        return euler_characteristic(local.gaussian, local.area) + self._boundary_euler(local.area)
+        estimate = euler_characteristic(local.gaussian, local.area)
+        return estimate + self._boundary_euler(local.area) if boundary else estimate
 
     def refined_euler(
         self,
@@ -189,6 +193,8 @@ class DifferentiableShape(ShapeData):
 
     def _boundary_euler(self, like: Tensor) -> Tensor:
         """The boundary's share of χ, (...)."""
+        if self._known_closed:
+            return like.new_zeros(self.samples.points.shape[:-2])
         shares = [found.part.boundary.euler for found in self._examinations()]
         return like.new_tensor(shares).reshape(self.samples.points.shape[:-2])
 

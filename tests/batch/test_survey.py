@@ -95,7 +95,7 @@ def test_a_file_that_ends_its_process_costs_one_row(
     rows = {Path(row["file"]).name: row for row in tk.survey(folder, jobs=2)}
     monkeypatch.undo()
     tk.refresh_adapters()
-    assert rows["abort.crash"]["error"].endswith("the process that examined it died (SIGABRT, Aborted).")
+    assert rows["abort.crash"]["error"].endswith("its process died (SIGABRT, Aborted).")
     assert "ZeroDivisionError" in rows["divide.crash"]["error"]
     assert sum(row["error"] is None for row in rows.values()) == 5  # truncated.stl is the third that failed
 

@@ -119,7 +119,7 @@ def test_wrong_sources_are_named(function: Callable[..., Tensor]) -> None:
     assert refusal(lambda: function(nn.Linear(3, 1), 2, 0.1)) == expected + advice
     cloud = tk.from_points(torus_samples(300).points)
     assert refusal(lambda: function(cloud, 2, 0.1)) == (
-        f"{cloud.name} is neither a field nor one cloud with oriented normals: use shape.oriented(), or pass "
+        f"{cloud.name} is neither a field nor samples with oriented normals: use shape.oriented(), or pass "
         "normals to from_points."
     )
     assert refusal(lambda: function(cloud, 2, 0.1, level=0.1)) == (

@@ -28,6 +28,8 @@ _TEXTS = {
     "connectivity": "Volumes: 6 or 26.",
     "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",
     "origin": "Volumes: position of the first voxel, as 0,0,-40.",
+    "dataset": "Volumes: path of the array in a zarr group or HDF5 file.",
+    "block_voxels": "Volumes: count block by block, with at most so many voxels in a block.",
     "bounds": "Networks: lowest and highest corner of the box, as -1,-1,-1,1,1,1.",
     "resolution": "Networks: cells along the longest side of the finest grid.",
     "field_resolution": "Networks: cells along the longest side of the grid of the field.",

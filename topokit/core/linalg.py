@@ -7,6 +7,9 @@ import math
 import torch
 from torch import Tensor
 
+from topokit.core.jacobi import eigenvector_by_rotations
+from topokit.core.residence import stays_on_device
+
 
 def normalize(vectors: Tensor) -> Tensor:
     """Unit vectors along the last axis; zero vectors stay zero, with zero gradient.
@@ -100,9 +103,7 @@ def eigenvectors(matrix: Tensor) -> Tensor:
     doubled = torch.stack((matrix[..., 0, 0] - matrix[..., 1, 1], 2 * matrix[..., 0, 1]), dim=-1)
     noise = torch.finfo(matrix.dtype).eps * 8 * matrix.detach().abs().amax((-2, -1))
     is_isotropic = doubled.detach().abs().amax(-1) <= noise
-    axis = doubled.new_tensor((1.0, 0.0))
-    doubled = torch.where(is_isotropic[..., None], axis, doubled)
-    angle = torch.atan2(doubled[..., 1], doubled[..., 0]) / 2
+    angle = torch.atan2(doubled[..., 1].where(~is_isotropic, 0), doubled[..., 0].where(~is_isotropic, 1)) / 2
     cosine, sine = angle.cos(), angle.sin()
     return torch.stack((-sine, cosine, cosine, sine), dim=-1).unflatten(-1, (2, 2))
 
@@ -124,7 +125,7 @@ def tangent_basis(normals: Tensor, helper: Tensor) -> Tensor:
     fixed = normals.detach()
     tangential = helper - (helper * fixed).sum(-1, keepdim=True) * fixed
     is_parallel = tangential.square().sum(-1, keepdim=True) < 1e-4
-    least = torch.nn.functional.one_hot(fixed.abs().argmin(-1), 3).to(fixed.dtype)
+    least = (fixed.abs().argmin(-1, keepdim=True) == torch.arange(3, device=fixed.device)).to(fixed.dtype)
     helper = torch.where(is_parallel, least, helper)
     first = normalize(helper - (helper * normals).sum(-1, keepdim=True) * normals)
     second = torch.linalg.cross(normals, first, dim=-1)
@@ -183,6 +184,8 @@ def _smallest_eigenvector_value(matrix: Tensor) -> Tensor:
         O. K. Smith, Eigenvalues of a symmetric 3 × 3 matrix, CACM 4 (1961), doi:10.1145/355578.366316.
     """
     flat = matrix.reshape(-1, 3, 3)
+    if stays_on_device(matrix):  # which matrices are decomposed below, only a look can tell
+        return eigenvector_by_rotations(flat).reshape(matrix.shape[:-1])
     identity = torch.eye(3, dtype=matrix.dtype, device=matrix.device)
     deviation = flat - trace(flat)[:, None, None] / 3 * identity
     scale = (deviation.square().sum((-2, -1)) / 6).sqrt()

@@ -5,32 +5,44 @@ Distances are not returned: differentiable callers compute them from the points 
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.device_neighbors import device_neighbors
+from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.labels import connected_labels
+from topokit.core.residence import stays_on_device
 from topokit.core.samples import enough_neighbors
 from topokit.errors import InputError
 
+SearchMethod = Literal["auto", "kd-tree", "device"]
+
 _SAMPLE = 1000  # points among which coinciding ones are looked for
-_CUDA_PAIRS = 1 << 26  # distances held at once by the exact search on accelerators
 
 
-def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
-    """Indices of the k nearest other points of every point.
+def nearest_neighbors(
+    points: Tensor, n_neighbors: int, *, lengths: Tensor | None = None, method: SearchMethod = "auto"
+) -> Tensor:
+    """Indices of the k nearest other points of every point; exact whatever the method.
 
     Args:
         points: (..., N, 3), any float dtype and device. Batch items never see each other.
         n_neighbors: k; the point itself is not counted, its exact duplicates are.
+        lengths: (...) number of points of each batch item, where the others are padding; None if there is none.
+        method: "kd-tree" is SciPy's on the CPU; "device" works in torch operations where the points are, with ties in
+            the order of the indices. "auto" takes the KD-tree on the CPU, which is faster there, else "device".
 
     Returns:
-        (..., N, k) int64 on the points' device, nearest first. Not differentiable (integers).
+        (..., N, k) int64 on the points' device, nearest first; rows of padding hold their own index. Not differentiable
+        (integers).
 
     Raises:
-        InputError: if there are not more points than neighbors.
+        InputError: if there are not more points than neighbors, or for an unknown method.
     """
     n_points = points.shape[-2]
     enough_neighbors(n_neighbors)
@@ -39,11 +51,18 @@ def nearest_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
             f"{n_points} points are too few for {n_neighbors} neighbors each: "
             f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
         )
-    search = _kd_tree if points.device.type == "cpu" else _exact
-    if points.ndim == 2:
-        return search(points.detach(), n_neighbors)
+    if method not in get_args(SearchMethod):
+        raise InputError(f"search method {method!r} is unknown; use 'auto', 'kd-tree' or 'device'.")
     items = points.detach().reshape(-1, n_points, 3)
-    return torch.stack([search(item, n_neighbors) for item in items]).reshape(*points.shape[:-1], n_neighbors)
+    sizes = None if lengths is None else lengths.reshape(-1)
+    may_stay = stays_on_device(points) and points.device.type != "mps"  # that lacks the float64 of the search
+    if method == "device" or (method == "auto" and may_stay):
+        found = device_neighbors(items, n_neighbors, sizes)
+    else:
+        counts = [n_points] * len(items) if sizes is None else sizes.tolist()
+        trees = [_kd_tree(item[:count].cpu(), n_neighbors) for item, count in zip(items, counts, strict=True)]
+        found = torch.stack([_with_padding(tree, n_points) for tree in trees]).to(points.device)
+    return found.reshape(*points.shape[:-1], n_neighbors)
 
 
 def merged_neighbors(neighbors: Tensor) -> Tensor:
@@ -82,7 +101,7 @@ def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
     tree = cKDTree(coordinates[rows], balanced_tree=False, compact_nodes=False)
     is_whole = len(rows) == len(coordinates)
     order = tree.indices if is_whole else np.arange(len(coordinates))  # in tree order 100 000 queries are twice as fast
-    _, in_order = tree.query(coordinates[order], n_neighbors + 1, workers=-1)
+    in_order = nearest_in_tree(tree, coordinates[order], n_neighbors + 1)
     if in_order.max() == len(rows):  # what SciPy returns for a neighbor at infinite distance
         raise InputError("the coordinates are too large for distances between points: scale them down.")
     found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
@@ -111,16 +130,9 @@ def _without_many_copies(coordinates: NDArray[np.float64], most: int) -> NDArray
     return np.sort(order[np.arange(count) - start < most])
 
 
-def _exact(points: Tensor, n_neighbors: int) -> Tensor:
-    n_points = len(points)
-    rows = max(1, _CUDA_PAIRS // n_points)
-    found = []
-    for start in range(0, n_points, rows):
-        part = points[start : start + rows]
-        squared = torch.zeros(len(part), n_points, dtype=points.dtype, device=points.device)
-        for axis in range(3):  # explicit differences: the expanded square loses half the digits
-            squared += (part[:, axis, None] - points[None, :, axis]).square()
-        own = torch.arange(len(part), device=points.device)
-        squared[own, start + own] = torch.inf
-        found.append(squared.topk(n_neighbors, largest=False).indices)
-    return torch.cat(found)
+def _with_padding(neighbors: Tensor, n_points: int) -> Tensor:
+    """Neighbors (n, k) followed by rows of padding that hold their own index, (N, k)."""
+    if len(neighbors) == n_points:
+        return neighbors
+    own = torch.arange(len(neighbors), n_points)[:, None].expand(-1, neighbors.shape[1])
+    return torch.cat((neighbors, own))

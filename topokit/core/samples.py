@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from numbers import Integral
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
 
@@ -25,10 +26,13 @@ class SurfaceSamples:
         oriented: True if the normals point outward. If False, or if there are no normals, neighboring normals are
             aligned with the center's before they are compared: the Gaussian curvature does not depend on the signs,
             and the sign of the mean curvature is arbitrary.
+        lengths: (...) int64, number of points of each batch item, where the rows after them are padding; None if there
+            is no padding. Padding may hold anything finite.
 
     Raises:
-        InputError: on wrong shapes, types, devices or values that are not finite; or if the points span so much or so
-            little that areas and curvature leave the range of their type.
+        InputError: on wrong shapes, types or devices, and on the CPU for values that are not finite, or points that
+            span so much or so little that areas and curvature leave the range of their type. On accelerators the values
+            are not looked at, which would interrupt the work there: NaN in gives NaN out.
     """
 
     points: Tensor
@@ -36,12 +40,14 @@ class SurfaceSamples:
     frames: Tensor | None = None
     areas: Tensor | None = None
     oriented: bool = True
+    lengths: Tensor | None = None
 
     def __post_init__(self) -> None:
         _check(self.points, "points")
         if self.points.ndim < 2 or self.points.shape[-1] != 3:
             raise InputError(f"points must have shape (..., N, 3), got {tuple(self.points.shape)}.")
-        _check_extent(self.points.detach())
+        if not stays_on_device(self.points):
+            _check_extent(self.points.detach())
         shape = self.points.shape
         expected = {"normals": shape, "frames": (*shape, 3), "areas": shape[:-1]}
         for name, wanted in expected.items():
@@ -58,12 +64,26 @@ class SurfaceSamples:
                     f"{name} is {value.dtype} on {value.device}, the points are {self.points.dtype} on "
                     f"{self.points.device}: convert one of them."
                 )
+        if self.lengths is not None:
+            _check_lengths(self.lengths, self.points)
         if self.normals is None and self.frames is None:
             object.__setattr__(self, "oriented", False)
 
+    def check_finite(self) -> None:
+        """Look for values that are not finite, and for distances whose squares are not, on any device.
+
+        Raises:
+            InputError: if there are some.
+        """
+        named = {"points": self.points, "normals": self.normals, "frames": self.frames, "areas": self.areas}
+        for name, value in named.items():
+            if value is not None:
+                _check_finite(value, name)
+        _check_extent(self.points.detach())
+
     @property
     def n_points(self) -> int:
-        """Number of points N of each batch item."""
+        """Number of points N of each batch item, with padding."""
         return self.points.shape[-2]
 
     def known_normals(self) -> Tensor | None:
@@ -72,22 +92,35 @@ class SurfaceSamples:
 
     def to(self, *args: Any, **kwargs: Any) -> SurfaceSamples:
         """The samples on another device or in another floating type; arguments as for `torch.Tensor.to`."""
-        return self._map(lambda value, kept: value.to(*args, **kwargs))
+        moved = self._map(lambda value, kept: value.to(*args, **kwargs))
+        return replace(moved, lengths=None if self.lengths is None else self.lengths.to(moved.points.device))
 
     def versions(self) -> tuple[int, ...]:
         """Counters that change when a tensor is changed in place; tensors of inference mode have none."""
-        tensors = (self.points, self.normals, self.frames, self.areas)
+        tensors = (self.points, self.normals, self.frames, self.areas, self.lengths)
         return tuple(0 if one.is_inference() else one._version for one in tensors if one is not None)
 
     def items(self) -> tuple[SurfaceSamples, ...]:
         """The samples of each batch item, detached, in the order of the merged batch dimensions."""
+        return self._map(lambda value, kept: value.detach()).separate()
+
+    def separate(self) -> tuple[SurfaceSamples, ...]:
+        """The samples of each batch item without padding, with their graph, in the order of the merged dimensions."""
         n_points = self.n_points
-        merged = self._map(lambda value, kept: value.detach().reshape(-1, n_points, *value.shape[value.ndim - kept :]))
+        merged = self._map(lambda value, kept: value.reshape(-1, n_points, *value.shape[value.ndim - kept :]))
+        counts = [n_points] * len(merged.points) if self.lengths is None else self.lengths.reshape(-1).tolist()
 
-        def item(index: int) -> SurfaceSamples:
-            return merged._map(lambda value, kept: value[index])
+        def item(index: int, count: int) -> SurfaceSamples:
+            return merged._map(lambda value, kept: value[index, :count])
 
-        return tuple(map(item, range(len(merged.points))))
+        return tuple(item(*numbered) for numbered in enumerate(counts))
+
+    def without_values_in_padding(self) -> SurfaceSamples:
+        """The samples with zeros in rows of padding, so that nothing there has an influence or a gradient."""
+        if self.lengths is None:
+            return self
+        padding = is_padding(self.lengths, self.n_points)
+        return self._map(lambda value, kept: value.masked_fill(padding[(...,) + (None,) * kept], 0))
 
     def at(self, index: Tensor) -> SurfaceSamples:
         """Some of the samples (N, 3): those with the given indices (M,)."""
@@ -95,7 +128,6 @@ class SurfaceSamples:
 
     def flat(self) -> SurfaceSamples:
         """The same samples with the batch dimensions merged into one list of points."""
-
         return self._map(lambda value, kept: value.reshape(-1, *value.shape[value.ndim - kept :]))
 
     def _map(self, change: Callable[[Tensor, int], Tensor]) -> SurfaceSamples:
@@ -116,6 +148,26 @@ class SurfaceSamples:
 def largest_coordinate(dtype: torch.dtype) -> float:
     """The limit of coordinates in this type: squares of distances stay finite below it."""
     return float(torch.finfo(dtype).max) ** 0.5 / 8  # a distance is at most 2√3 times as large
+
+
+def _check_lengths(lengths: object, points: Tensor) -> None:
+    if not isinstance(lengths, Tensor) or lengths.dtype != torch.int64 or lengths.device != points.device:
+        raise InputError(f"lengths must be an int64 tensor on {points.device}, got {lengths!r}.")
+    if lengths.shape != points.shape[:-2]:
+        raise InputError(
+            f"lengths must have shape {tuple(points.shape[:-2])}, one number for each batch item, got "
+            f"{tuple(lengths.shape)}."
+        )
+
+
+def is_padding(lengths: Tensor, n_points: int) -> Tensor:
+    """Which rows are padding, (..., N) bool.
+
+    Args:
+        lengths: (...) number of points of each batch item.
+        n_points: N, rows of each.
+    """
+    return torch.arange(n_points, device=lengths.device) >= lengths[..., None]
 
 
 def enough_neighbors(n_neighbors: object) -> None:
@@ -173,6 +225,11 @@ def _check(value: object, name: str) -> None:
         raise InputError(
             f"{name} must be a floating-point tensor, got {value.dtype}: call .double() or .float() on it."
         )
+    if not stays_on_device(value):
+        _check_finite(value, name)
+
+
+def _check_finite(value: Tensor, name: str) -> None:
     if not bool(torch.isfinite(value).all()):
         bad = int((~torch.isfinite(value)).sum())
         raise InputError(f"{name} holds {bad} values that are NaN or infinite; remove those rows first.")

@@ -16,6 +16,7 @@ from topokit.inputs.files import GZIP, existing_file
 from topokit.inputs.reading import reading, require_expansion
 
 _STEP = 1 << 20  # bytes copied at a time
+_FREE = 1 << 30  # bytes that any gzip file may expand to: masks of one organ in a body do so by a factor of 1000
 _FORBIDDEN = set('/\\:*?"<>|\0')  # in a file's name, on one platform or another
 
 
@@ -41,7 +42,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         with reading(path, "gzip"), gzip.open(path) as packed:
             while part := packed.read(_STEP):
                 written += len(part)
-                require_expansion(path, written, size)
+                require_expansion(path, written, size, _FREE)
                 target.write(part)
 
     with _temporary(path.name[:-3] if path.name.lower().endswith(".gz") else path.name, str(path), unpack) as plain:

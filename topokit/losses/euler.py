@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, smoothed_euler
-from topokit.core.grid.field import Field, default_tau
+from topokit.core.grid.field import Field
 from topokit.losses.checks import check_finite, check_tau
+from topokit.losses.critical_tracker import CriticalTracker
 from topokit.losses.field_loss import FieldLoss, Reduction, batch_shape
 from topokit.losses.source import Source, plain_field
+from topokit.losses.tracker import SearchOptions, checked_search
 
 
 class EulerLoss(FieldLoss):
@@ -24,6 +28,9 @@ class EulerLoss(FieldLoss):
         target: wanted Euler characteristic of the surface, summed over its components (2 for a ball, 0 for a torus).
         level: of a plain field; {field > level} is the solid. A shape has its own.
         connectivity: 6 or 26, that of the solid, of a plain field and of samples; a shape with a field has its own.
+        search: for functions and networks, how often to evaluate the grid: in every `evaluate_every`-th call near the
+            level, in every `search_every`-th of these everywhere; in between, only the critical grid points last found.
+            Then the module remembers: use one for each network. By default every call evaluates all of the grid.
         resolution: for shapes without a field: the most grid points along a side of the winding-number field.
         reduction: "mean", "sum" or "none" over the batch.
 
@@ -43,12 +50,14 @@ class EulerLoss(FieldLoss):
         *,
         level: float = 0.0,
         connectivity: int = DEFAULT_CONNECTIVITY,
+        search: SearchOptions | None = None,
         resolution: int = 64,
         reduction: Reduction = "mean",
     ) -> None:
         check_finite("target", target)
         super().__init__(level, connectivity, resolution, reduction)
         self.target = float(target)
+        self.tracker = CriticalTracker(checked_search(search)) if search is not None else None
 
     def forward(self, source: Source, tau: float | None = None) -> Tensor:
         """The loss.
@@ -56,7 +65,8 @@ class EulerLoss(FieldLoss):
         Args:
             source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field
                 (from_sdf, from_occupancy, from_voxels), of which only the critical grid points are evaluated with a
-                graph; or a shape with oriented samples (points, splats), whose winding-number field is used.
+                graph; or a shape with oriented samples (points, splats, batches of them), whose
+                winding-number field is used.
             tau: scale of the levels over which χ is averaged, in units of the field. By default half the field's
                 typical change over one cell at its zero crossings.
 
@@ -72,14 +82,14 @@ class EulerLoss(FieldLoss):
         if isinstance(source, Tensor) and tau is not None:
             chi = smoothed_euler(plain_field(source), tau, self.source.level, self.source.connectivity)
         else:
-            per_item = [_smoothed_euler(field, tau) for field in self.source(source)]
+            per_item = [self._smoothed_euler(field, tau) for field in self.source(source)]
             chi = torch.stack(per_item).reshape(batch_shape(source))
         return self.reduce((chi - self.target).square())
 
-
-def _smoothed_euler(field: Field, tau: float | None) -> Tensor:
-    values = field.detached()
-    return field.smoothed_euler(default_tau(values) if tau is None else tau, values)
+    def _smoothed_euler(self, field: Field, tau: float | None) -> Tensor:
+        if self.tracker is not None and field.is_costly:
+            return cast(Tensor, self.tracker(field, tau))
+        return field.smoothed_euler(tau)
 
 
 def euler_loss(

@@ -34,5 +34,7 @@ class FieldLoss(nn.Module):
 
 
 def batch_shape(source: Source) -> tuple[int, ...]:
-    """Shape of the batch: the leading axes of a plain field, () for a shape."""
-    return tuple(source.shape[:-3]) if isinstance(source, Tensor) else ()
+    """Shape of the batch: the leading axes of a plain field or of the samples, () for a shape with a field."""
+    if isinstance(source, Tensor):
+        return tuple(source.shape[:-3])
+    return () if source.field is not None else tuple(source.samples.points.shape[:-2])

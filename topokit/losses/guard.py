@@ -28,7 +28,7 @@ class DecisiveVoxels(NamedTuple):
     """Voxels that must be on a given side of the level and are not, or not by the margin.
 
     Attributes:
-        voxels: (M, 3) int64 grid indices (x, y, z), on the CPU.
+        voxels: (M, 3) int64 grid indices (x, y, z).
         sides: (M,) float64, +1 where the field must be above the level, -1 where below.
     """
 
@@ -120,7 +120,7 @@ def margin_loss(field: Field, decisive: DecisiveVoxels | None, margin: float) ->
     same, so that `backward` works.
     """
     if decisive is None or len(decisive.voxels) == 0:
-        return at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64)))[:0].sum()
+        return at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64, device=field.device)))[:0].sum()
     values = at_least_single(field.values_at(decisive.voxels))
     shortfalls = torch.relu(1 - decisive.sides.to(values) * values / margin)
     return smooth_l1_loss(shortfalls, torch.zeros_like(shortfalls), reduction="mean")

@@ -12,6 +12,7 @@ from topokit.core.grid.field import Field, GridField
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.losses.checks import check_choice, check_count, check_finite
 from topokit.shape import Shape
@@ -25,8 +26,8 @@ _MARGIN_CELLS = 4  # a new grid is made when samples come nearer than this to th
 class FieldSource(nn.Module):
     """Finds the fields in a source, one per batch item.
 
-    For samples it makes a grid around them and keeps it as long as they fit, so that the field changes smoothly in
-    training. The grid is part of the `state_dict`.
+    For samples it makes a grid around each cloud and keeps it as long as the points fit, so that the field changes
+    smoothly in training. The grids are part of the `state_dict`.
     """
 
     def __init__(self, level: float, connectivity: int, resolution: int) -> None:
@@ -47,7 +48,7 @@ class FieldSource(nn.Module):
         self.level = float(level)
         self.connectivity = connectivity
         self.resolution = resolution
-        self.grid: Grid | None = None
+        self.grids: list[Grid] = []  # around the samples of each item
 
     def forward(self, source: Source) -> list[Field]:
         """The fields, level subtracted.
@@ -69,33 +70,44 @@ class FieldSource(nn.Module):
                 f"level={self.level:g} is for plain fields, and {source.name} is a shape: pass the level to from_sdf, "
                 "from_occupancy or from_voxels. Samples have none."
             )
-        return [source.field or self._winding_field(source)]
+        return [source.field] if source.field is not None else self._winding_fields(source)
 
-    def _winding_field(self, shape: Shape) -> Field:
-        points = shape.samples.points
-        if not shape.samples.oriented or points.ndim != 2:
+    def _winding_fields(self, shape: Shape) -> list[Field]:
+        """The fields of the samples of each item."""
+        samples = shape.samples
+        if not samples.oriented:
             raise InputError(
-                f"{shape.name} is neither a field nor one cloud with oriented normals: use shape.oriented(), or pass "
+                f"{shape.name} is neither a field nor samples with oriented normals: use shape.oriented(), or pass "
                 "normals to from_points."
             )
         local = shape.curvature(given_or_default(shape.n_neighbors))
-        self.grid = grid = self._grid_around(points, float(local.area.detach().mean().sqrt()))
-        values = winding_field(points, local.normals, local.area, grid).values
+        layer = SurfaceSamples(samples.points, local.normals, areas=local.area, lengths=samples.lengths)
+        items = layer.separate()
+        present = self.grids if len(self.grids) == len(items) else [None] * len(items)
+        self.grids = [self._grid_around(item, grid) for item, grid in zip(items, present, strict=True)]
+        return [self._winding_field(item, grid) for item, grid in zip(items, self.grids, strict=True)]
+
+    def _winding_field(self, item: SurfaceSamples, grid: Grid) -> Field:
+        assert item.normals is not None
+        assert item.areas is not None
+        values = winding_field(item.points, item.normals, item.areas, grid).values
         return GridField(values - 0.5, grid, self.connectivity)
 
-    def _grid_around(self, points: Tensor, spacing: float) -> Grid:
+    def _grid_around(self, item: SurfaceSamples, present: Grid | None) -> Grid:
         """The present grid, or a new one if the points do not fit into it."""
-        if self.grid is not None and self.grid.contains(points, _MARGIN_CELLS):
-            return self.grid
-        return make_grid(points, spacing, 1.0, self.resolution**3, self.resolution // 2)
+        if present is not None and present.contains(item.points, _MARGIN_CELLS):
+            return present
+        assert item.areas is not None
+        spacing = float(item.areas.detach().mean().sqrt())
+        return make_grid(item.points, spacing, 1.0, self.resolution**3, self.resolution // 2)
 
-    def get_extra_state(self) -> dict[str, Any] | None:
-        """The grid around the samples, for the `state_dict`."""
-        return None if self.grid is None else asdict(self.grid)
+    def get_extra_state(self) -> list[dict[str, Any]]:
+        """The grids around the samples, for the `state_dict`."""
+        return [asdict(grid) for grid in self.grids]
 
-    def set_extra_state(self, state: dict[str, Any] | None) -> None:
-        """Restore the grid."""
-        self.grid = None if state is None else Grid(**state)
+    def set_extra_state(self, state: list[dict[str, Any]]) -> None:
+        """Restore the grids."""
+        self.grids = [Grid(**grid) for grid in state]
 
 
 def plain_field(field: Tensor) -> Tensor:

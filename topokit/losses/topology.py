@@ -12,13 +12,12 @@ from torch import Tensor
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.homotopy.nearest_solid import Change
-from topokit.errors import InputError
 from topokit.losses.checks import check_choice, check_tau
 from topokit.losses.field_loss import FieldLoss, Reduction, batch_shape
 from topokit.losses.goal import Goal
 from topokit.losses.guard import margin_loss
 from topokit.losses.source import Source
-from topokit.losses.tracker import SearchOptions, SolidTracker
+from topokit.losses.tracker import SearchOptions, SolidTracker, checked_search
 
 DEFAULT_SEARCH = SearchOptions()
 
@@ -72,15 +71,13 @@ class TopologyLoss(FieldLoss):
     ) -> None:
         super().__init__(level, DEFAULT_CONNECTIVITY, resolution, reduction)
         check_choice("change", change, ("any", "add", "remove"))
-        if not isinstance(search, SearchOptions):
-            raise InputError(f"search must be a SearchOptions, not {search!r}.")
         self.goal = Goal.of(genus, components, cavities)
         self.change: Change = change
-        self.tracker = SolidTracker(self.goal, change, search)
+        self.tracker = SolidTracker(self.goal, change, checked_search(search))
 
     def reset(self) -> None:
         """Forget the nearest solids, and the grid around samples."""
-        self.source.grid = None
+        self.source.grids = []
         self.tracker.reset()
 
     def forward(self, source: Source, tau: float | None = None) -> Tensor:
@@ -89,7 +86,8 @@ class TopologyLoss(FieldLoss):
         Args:
             source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field
                 (from_sdf, from_occupancy, from_voxels), of which only the decisive grid points are evaluated with a
-                graph; or a shape with oriented samples (points, splats), whose winding-number field is used.
+                graph; or a shape with oriented samples (points, splats, batches of them), whose
+                winding-number field is used.
             tau: distance from the level, in units of the field, that decisive voxels must have; voxels farther than the
                 field's typical change over one cell are ignored. By default half of that change.
 

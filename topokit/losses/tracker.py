@@ -17,6 +17,7 @@ from topokit.losses.checks import check_count
 from topokit.losses.component_guard import ComponentGuard
 from topokit.losses.goal import Goal
 from topokit.losses.guard import DecisiveVoxels, Guard
+from topokit.losses.known_values import KnownValues
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class SearchOptions:
 
     Attributes:
         search_every: evaluations of the field between searches for a nearer solid. In between, the known solid follows
-            the field.
+            the field, and of a function only the values near the level are evaluated.
         evaluate_every: calls between evaluations of the whole field. In between, the decisive voxels last found are
             used. For networks, where evaluating the grid is most of a call.
 
@@ -39,6 +40,17 @@ class SearchOptions:
     def __post_init__(self) -> None:
         check_count("search_every", self.search_every, 1)
         check_count("evaluate_every", self.evaluate_every, 1)
+
+
+def checked_search(search: object) -> SearchOptions:
+    """The options themselves.
+
+    Raises:
+        InputError: if they are something else.
+    """
+    if not isinstance(search, SearchOptions):
+        raise InputError(f"search must be a SearchOptions, not {search!r}.")
+    return search
 
 
 class SolidTracker(nn.Module):
@@ -60,6 +72,8 @@ class SolidTracker(nn.Module):
         """New guards for fields on these grids."""
         self._grids = grids
         self._guards = [self._new_guard() for _ in grids]
+        self._values = [KnownValues(self.options.search_every) for _ in grids]
+        self._decisive: list[DecisiveVoxels | None] = []  # those of the guards, on the devices of their fields
         self._default_taus: list[float] = []
         self._n_calls = 0
 
@@ -76,13 +90,27 @@ class SolidTracker(nn.Module):
             self._start(grids)
         is_due = self._n_calls % self.options.evaluate_every == 0 or (tau is None and not self._default_taus)
         self._n_calls += 1
-        values = [field.detached() for field in fields] if is_due else []
         if is_due:
-            self._default_taus = [default_tau(one) for one in values] if tau is None else []
+            self._look(fields, tau)
+        elif not self._decisive:
+            self._keep_decisive(fields)
         margins = self._default_taus if tau is None else [tau] * len(fields)
-        for guard, one, margin in zip(self._guards, values, margins, strict=False):  # no values: nothing is due
+        return list(zip(self._decisive, margins, strict=True))
+
+    def _look(self, fields: list[Field], tau: float | None) -> None:
+        """Show the fields to their guards."""
+        values = [known.update(field, tau) for known, field in zip(self._values, fields, strict=True)]
+        self._default_taus = [default_tau(one) for one in values] if tau is None else []
+        margins = self._default_taus if tau is None else [tau] * len(fields)
+        for guard, one, margin in zip(self._guards, values, margins, strict=True):
             guard.update(at_least_single(one).cpu().numpy(), margin)
-        return [(guard.decisive, margin) for guard, margin in zip(self._guards, margins, strict=True)]
+        self._keep_decisive(fields)
+
+    def _keep_decisive(self, fields: list[Field]) -> None:
+        self._decisive = [
+            guard.decisive and DecisiveVoxels(*(part.to(field.device) for part in guard.decisive))
+            for guard, field in zip(self._guards, fields, strict=True)
+        ]
 
     def get_extra_state(self) -> dict[str, Any]:
         """What has been found so far, for the `state_dict`: tensors, numbers and containers only."""
@@ -90,6 +118,7 @@ class SolidTracker(nn.Module):
             "goal": (self.goal.betti, self.goal.by_component, self.change),
             "grids": [asdict(grid) for grid in self._grids],
             "guards": [guard.get_state() for guard in self._guards],
+            "values": [known.get_state() for known in self._values],
             "default_taus": self._default_taus,
             "n_calls": self._n_calls,
         }
@@ -109,4 +138,6 @@ class SolidTracker(nn.Module):
         self._start([Grid(**grid) for grid in state["grids"]])
         for guard, own in zip(self._guards, state["guards"], strict=True):
             guard.set_state(own)
+        for known, its in zip(self._values, state["values"], strict=True):
+            known.set_state(its)
         self._default_taus, self._n_calls = state["default_taus"], state["n_calls"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
 
@@ -19,6 +21,7 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.report.progress import stage_bar
 from topokit.report.verdict import is_open_sheet
 
 
@@ -28,18 +31,25 @@ class Examination:
     Nothing here depends on the number of neighbors that a user chooses for curvature, nor on the order of questions.
     """
 
-    def __init__(self, samples: SurfaceSamples, *, known_closed: bool) -> None:
+    def __init__(
+        self, samples: SurfaceSamples, *, known_closed: bool, neighbors: Callable[[], Tensor] | None = None
+    ) -> None:
         """
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
+            neighbors: returns what `neighbors` would find, if someone else knows it.
         """
         self.samples = samples
         self._known_closed = known_closed
+        self._find_neighbors = neighbors or self._search
 
     @cached_property
     def neighbors(self) -> Tensor:
         """(N, k) indices of the nearest neighbors; k = 20, or as many as there are."""
+        return self._find_neighbors()
+
+    def _search(self) -> Tensor:
         points = self.samples.points
         with torch.inference_mode(False):  # the indices outlive the mode, and gradients must be able to save them
             return nearest_neighbors(points, min(DEFAULT_NEIGHBORS, len(points) - 1))
@@ -88,15 +98,29 @@ class Examination:
         """χ⁽⁰⁾, with the turning of the boundary."""
         return float(euler_characteristic(self.curvature.gaussian, self.curvature.area)) + self.boundary.euler
 
+    def _measure_part(self) -> BoundaryEstimate:
+        """The boundary of the part; its curvature, which every report needs, is measured with it."""
+        part = self.part
+        _ = part.estimate
+        return part.boundary
+
     @cached_property
     def _witness_or_refusal(self) -> Witness | InputError:
         samples = self.samples if self._near is None else self.samples.at(self._near)
-        try:
-            may_smooth = not self.part.boundary.curves
-            normals = samples.known_normals()
-            found = global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
-        except InputError as refusal:
-            return refusal
+        with (
+            stage_bar(samples.n_points),
+            ThreadPoolExecutor(1) as thread,
+        ):  # beside the witness, which uses one processor most of the time
+            measured = thread.submit(self._measure_part)
+            try:
+                found = global_witness(
+                    samples.points,
+                    samples.known_normals(),
+                    oriented=samples.oriented,
+                    may_smooth=lambda: not measured.result().curves,
+                )
+            except InputError as refusal:
+                return refusal
         return found if self._near is None else _for_all_points(found, self._near, self.samples.points)
 
     @property
@@ -132,7 +156,12 @@ def outward_samples(samples: SurfaceSamples, normals: Tensor, found: tuple[Exami
     """Samples with unit normals (..., N, 3), turned outward where the samples have no signs of their own.
 
     Differentiable in points and normals. If an item bounds no solid, all keep normals without signs.
+
+    Raises:
+        InputError: if the samples are a batch with padding.
     """
+    if samples.lengths is not None:
+        raise InputError("the clouds of this batch have different sizes: make a shape of each to orient or refine it.")
     if samples.oriented:
         return SurfaceSamples(samples.points, normals, areas=samples.areas)
     directions = [one.witness.normals for one in found if one.witness]

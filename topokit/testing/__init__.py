@@ -1,6 +1,8 @@
 """Shapes with known curvature and topology, and the conformance tests for adapters."""
 
+from topokit.core.residence import as_on_accelerator
 from topokit.testing.conformance import AdapterConformance
+from topokit.testing.host_visits import HostVisit, HostVisits, count_host_visits
 from topokit.testing.meshes import genus_mesh, icosphere, joined, linked_tori_mesh, shell_mesh, torus_mesh
 from topokit.testing.open_surfaces import cylinder_samples, hemisphere_samples, plate_samples
 from topokit.testing.surfaces import (
@@ -17,6 +19,10 @@ from topokit.testing.wires import deltoidal_icositetrahedron, edge_tubes, torus_
 __all__ = [
     "AdapterConformance",
     "AnalyticSamples",
+    "HostVisit",
+    "HostVisits",
+    "as_on_accelerator",
+    "count_host_visits",
     "cylinder_samples",
     "deltoidal_icositetrahedron",
     "edge_tubes",

@@ -215,7 +215,7 @@ def test_bad_input_is_explained(source: object, message: str) -> None:
         (
             "cut.stl",
             b"\0" * 80 + b"\xff\xff\xff\x7f" + b"\0" * 50,
-            "2147483647 triangles and has bytes for 1:",
+            "announces 2147483647 triangles and has bytes for 1",
         ),
         ("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "could not be read"),
         ("points.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "holds no triangles"),

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from damage import mutate
 from splat_writers import (
     WRITERS,
     join_spz_4,
@@ -41,71 +42,6 @@ N_FILES = [400, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each 
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used
 MEBIBYTES = 64  # of growth per format, where the files have kilobytes
-INTERESTING = (0, 1, 127, 128, 255, 256, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1)
-Mutation = Callable[[bytearray, np.random.Generator], bytearray]
-
-
-def flip_bits(content: bytearray, rng: np.random.Generator) -> bytearray:
-    for at in rng.integers(0, len(content), size=int(rng.integers(1, 12))):
-        content[at] ^= 1 << int(rng.integers(8))
-    return content
-
-
-def flip_early(content: bytearray, rng: np.random.Generator) -> bytearray:
-    """Headers are short and matter most."""
-    for at in rng.integers(0, min(len(content), 128), size=int(rng.integers(1, 4))):
-        content[at] = int(rng.integers(256))
-    return content
-
-
-def truncate(content: bytearray, rng: np.random.Generator) -> bytearray:
-    return content[: int(rng.integers(0, len(content)))]
-
-
-def extend(content: bytearray, rng: np.random.Generator) -> bytearray:
-    return content + rng.bytes(int(rng.integers(1, 300)))
-
-
-def overwrite_integer(content: bytearray, rng: np.random.Generator) -> bytearray:
-    end = min(len(content), 4 * len(content) if rng.random() < 0.3 else 256)
-    at = 4 * int(rng.integers(0, max(1, end // 4)))
-    content[at : at + 4] = int(rng.choice(INTERESTING)).to_bytes(4, "little")
-    return content
-
-
-def blank(content: bytearray, rng: np.random.Generator) -> bytearray:
-    start, length = int(rng.integers(0, len(content))), int(rng.integers(1, 64))
-    value = int(rng.choice([0, 255]))
-    content[start : start + length] = bytes([value]) * len(content[start : start + length])
-    return content
-
-
-def cut_out(content: bytearray, rng: np.random.Generator) -> bytearray:
-    start = int(rng.integers(0, len(content)))
-    del content[start : start + int(rng.integers(1, 64))]
-    return content
-
-
-def change_digit(content: bytearray, rng: np.random.Generator) -> bytearray:
-    """Numbers in text headers: another digit, or several more."""
-    digits = [at for at in range(min(len(content), 4096)) if 48 <= content[at] <= 57]
-    if digits:
-        at = int(rng.choice(digits))
-        content[at : at + 1] = str(int(rng.choice([0, 3, 9, 99, 10**6, 10**12, 10**30]))).encode()
-    return content
-
-
-MUTATIONS: tuple[Mutation, ...] = (
-    *(flip_bits, flip_early, truncate, extend, overwrite_integer, blank, cut_out, change_digit),
-)
-
-
-def mutate(content: bytes, rng: np.random.Generator) -> bytes:
-    changed = bytearray(content)
-    for _ in range(int(rng.integers(1, 3))):
-        if changed:
-            changed = MUTATIONS[rng.integers(len(MUTATIONS))](changed, rng)
-    return bytes(changed)
 
 
 def whole_files(write: Callable[[Path], None]) -> Callable[[Path], Callable[[np.random.Generator], bytes]]:

@@ -12,6 +12,7 @@ from torch import Tensor
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
 from topokit.core.linalg import normalize
+from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
 Function = Callable[[Tensor], Tensor]
@@ -42,13 +43,13 @@ class LevelFunction:
         """Values (N,) at positions (N, 3), with a graph to points and weights where gradients are on.
 
         Raises:
-            InputError: on a wrong shape or NaN, naming the point.
+            InputError: on a wrong shape, and on the CPU on NaN, naming the point.
         """
         inputs = points.to(self.device, self.dtype)
         self.n_evaluations += len(inputs)
         values = self.sign * (self._one_per_point(self.f(inputs), len(inputs)) - self.level)
         is_nan = values.detach().isnan()
-        if is_nan.any():
+        if not stays_on_device(values) and is_nan.any():  # on an accelerator this would be a look: NaN gives NaN
             where = ", ".join(f"{x:.4g}" for x in inputs[is_nan][0].tolist())
             raise InputError(
                 f"{self.name} is NaN at {int(is_nan.sum())} of {len(inputs)} points, the first at ({where}): look for "
@@ -127,22 +128,36 @@ def _candidates(f: Function) -> list[tuple[torch.dtype, torch.device]]:
 class FunctionField(Field):
     """A function on a grid of its own; single vertices can be evaluated without the others."""
 
+    is_costly = True
+
     def __init__(self, function: LevelFunction, grid: Grid, connectivity: int) -> None:
         """Args: function: positive inside; grid: where to evaluate it; connectivity: 6 or 26, that of the solid."""
         super().__init__(grid, connectivity)
         self.function = function
 
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self.function.device
+
     def values(self) -> Tensor:
         """F (X, Y, Z), positive inside; with a graph to the weights where gradients are on."""
-        return self._at(torch.arange(self.grid.n_vertices)).reshape(self.grid.shape)
+        return self._at(torch.arange(self.grid.n_vertices, device=self.device)).reshape(self.grid.shape)
+
+    def updated(self, known: Tensor, width: float) -> Tensor:
+        """See `Field.updated`; vertices farther from the level than `width` are not evaluated."""
+        near = (known.abs() <= width).nonzero()
+        with torch.no_grad():
+            return known.index_put(tuple(near.unbind(1)), self.values_at(near).to(known))
 
     def values_at(self, vertices: Tensor) -> Tensor:
         """See `Field.values_at`; no other vertex is evaluated."""
         _, n_y, n_z = self.grid.shape
-        x, y, z = vertices.cpu().unbind(1)
+        x, y, z = vertices.to(self.device).unbind(1)
         return self._at((x * n_y + y) * n_z + z)
 
     def _at(self, index: Tensor) -> Tensor:
+        index = index.cpu() if self.device.type == "mps" else index  # positions are float64, which it lacks
         return torch.cat([self.function(self.grid.positions(rows)) for rows in index.split(_CHUNK)])
 
 

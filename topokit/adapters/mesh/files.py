@@ -8,29 +8,31 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.entry import FINITE_ELEMENTS
 from topokit.adapters.mesh.formats.finite_elements import read_finite_elements
-from topokit.adapters.mesh.formats.gltf import check_compression
+from topokit.adapters.mesh.formats.gltf import check_gltf
 from topokit.adapters.mesh.formats.obj import bare_obj
 from topokit.adapters.mesh.formats.off import read_off
 from topokit.adapters.mesh.formats.ply import is_plain, read_ply
 from topokit.adapters.mesh.formats.stl import counted_stl, is_binary_stl
+from topokit.adapters.mesh.formats.three_mf import check_3mf
 from topokit.adapters.mesh.formats.xml import refuse_entities
+from topokit.adapters.mesh.scenes import load_flattened
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import head
+from topokit.inputs.ply import check_header
 from topokit.inputs.reading import reading
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 # What trimesh raises on damaged files, beside ValueError and the like.
 _OF_TRIMESH = (
-    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NotImplementedError),
-    *(RuntimeError, SyntaxError, TypeError),
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, NotImplementedError, RuntimeError),
+    *(StopIteration, SyntaxError, TypeError, UnboundLocalError),
 )
 
 
@@ -60,12 +62,11 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _through_trimesh(path: Path, kind: str) -> Mesh:
-    import trimesh
-
-    content = _prepared(path, kind)
+    with reading(path, f"the {kind.upper()} reader"):
+        content = _prepared(path, kind)
     errors: tuple[type[Exception], ...] = (*_OF_TRIMESH, *_of_collada()) if kind == "dae" else _OF_TRIMESH
     with _quiet(), reading(path, "trimesh", *errors, extra="topokit[formats]"):
-        mesh = _flattened(trimesh.load_scene(content, file_type=kind, process=False))
+        mesh = load_flattened(content, kind, path)
         return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
 
 
@@ -76,7 +77,11 @@ def _prepared(path: Path, kind: str) -> Path | io.BytesIO:
     if kind == "stl" and is_binary_stl(path):
         return counted_stl(path)
     if kind in ("glb", "gltf"):
-        check_compression(path)
+        check_gltf(path)
+    if kind == "3mf":
+        check_3mf(path)
+    if kind == "ply":
+        check_header(path)
     if kind == "dae":
         refuse_entities(path)
     return path
@@ -100,17 +105,6 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
-
-
-def _flattened(scene: Any) -> Any:
-    """All of a scene as one `trimesh.Trimesh`; a single mesh that stays in place is not copied."""
-    nodes = scene.graph.nodes_geometry
-    if len(nodes) == 1:
-        transformation, name = scene.graph[nodes[0]]
-        only = scene.geometry[name]
-        if hasattr(only, "faces") and np.array_equal(transformation, np.eye(4)):
-            return only
-    return scene.to_mesh()
 
 
 def _file_type(path: Path, beginning: bytes) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -10,7 +11,9 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
-from topokit.core.samples import SurfaceSamples, largest_coordinate
+from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.residence import stays_on_device
+from topokit.core.samples import SurfaceSamples, is_padding, largest_coordinate
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
@@ -25,6 +28,7 @@ def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,
     *,
+    lengths: Tensor | Sequence[int] | None = None,
     n_neighbors: int | None = None,
     regularize: bool = False,
 ) -> Shape:
@@ -38,12 +42,15 @@ def from_points(
             tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
+        lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
+            are padding, whose values do not matter.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         regularize: whether to take noise out of points and normals by `Shape.regularized`; without normals this finds
             their signs first, which takes as long as a report.
 
     Returns:
-        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped; the report counts them.
+        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped on the CPU; the report
+        counts them. On accelerators, and in batches, they stay: NaN in gives NaN out, and `report` refuses them.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -72,9 +79,13 @@ def from_points(
         raise InputError(
             f"normals must have the shape of the points, {tuple(positions.shape)}, got {tuple(directions.shape)}."
         )
-    if positions.ndim == 2:
+    sizes = None if lengths is None else _lengths(lengths, positions, n_neighbors)
+    if sizes is not None:
+        positions, directions = _without_padding(positions, directions, sizes)
+    if positions.ndim == 2 and not stays_on_device(positions):
         positions, directions = _valid_rows(positions, directions, notes)
-    shape = Shape(SurfaceSamples(positions, directions), name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+    samples = SurfaceSamples(positions, directions, lengths=sizes)
+    shape = Shape(samples, name=name, notes=tuple(notes), n_neighbors=n_neighbors)
     return shape.regularized() if regularize else shape
 
 
@@ -83,6 +94,29 @@ def _tensor(values: object, name: str) -> Tensor:
     if tensor.ndim < 2 or tensor.shape[-1] != 3:
         raise InputError(f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(tensor.shape)}.")
     return tensor
+
+
+def _lengths(lengths: Tensor | Sequence[int], points: Tensor, n_neighbors: int | None) -> Tensor:
+    """The lengths on the points' device; only those that come from the host are looked at."""
+    given = torch.as_tensor(lengths)
+    if given.is_floating_point() or given.shape != points.shape[:-2]:
+        raise InputError(
+            f"lengths must be integers, one for each cloud, of shape {tuple(points.shape[:-2])}; got {given.dtype} of "
+            f"shape {tuple(given.shape)}."
+        )
+    least, most = given_or_default(n_neighbors) + 1, points.shape[-2]
+    if given.device.type == "cpu" and not bool(((given >= least) & (given <= most)).all()):
+        raise InputError(
+            f"lengths must lie between {least}, one more than the neighbors of each point, and {most}, the rows of the "
+            f"batch; got {given.tolist()}."
+        )
+    return given.to(points.device, torch.int64)
+
+
+def _without_padding(points: Tensor, normals: Tensor | None, lengths: Tensor) -> tuple[Tensor, Tensor | None]:
+    """Points and normals with zeros in their padding, which may have held NaN."""
+    padding = is_padding(lengths, points.shape[-2])[..., None]
+    return points.masked_fill(padding, 0), None if normals is None else normals.masked_fill(padding, 0)
 
 
 def _of_object(source: object) -> tuple[Any, Any | None]:

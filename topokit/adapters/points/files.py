@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
+from topokit.adapters.points.laz import check_packing, reading_laz
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -35,7 +36,8 @@ def read_points(path: Path) -> Cloud:
     beginning = head(path)
     for name, recognizes, read in _FORMATS:
         if recognizes(path, beginning):
-            with reading(path, f"the {name} reader", extra="topokit[formats]"):
+            quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
+            with quiet, reading(path, f"the {name} reader", extra="topokit[formats]"):
                 points, normals = read(path)
             if len(points) == 0:
                 raise ReadError(f"{path} holds no points.")
@@ -61,15 +63,17 @@ def _read_las(path: Path) -> Cloud:
         raise MissingDependencyError(f"Reading .las needs laspy: {_INSTALL}.") from error
     size = path.stat().st_size
     n_records = int.from_bytes(head(path)[100:104], "little")
+    require_bytes(path, "points behind its header", int.from_bytes(head(path)[96:100], "little"), size)
     require_bytes(path, f"{n_records} variable length records", 54 * n_records, size)
     damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
-    with reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
+    with reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
         header = file.header
         if header.are_points_compressed and not laspy.LazBackend.detect_available():
             raise MissingDependencyError("Reading .laz needs a backend of laspy: pip install lazrs.")
         needed = header.point_count * header.point_format.size
         if header.are_points_compressed:
             require_expansion(path, needed, size)
+            check_packing(path, header)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
         points = file.read_points(-1)
@@ -121,6 +125,7 @@ def _read_pcd(path: Path) -> Cloud:
     damaged = (LookupError, TypeError, RuntimeError)
     with reading(path, "pypcd4", *damaged):
         header = MetaData.parse_header(found.group().decode("utf-8").splitlines())
+        require_bytes(path, "values of each point", sum(header.count), len(content))
         needed = header.points * header.build_dtype().itemsize
     available = len(content) - found.end()
     if found.group(1) == b"binary_compressed":

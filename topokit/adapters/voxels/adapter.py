@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Iterable
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,14 +14,16 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.entry import is_volume
-from topokit.adapters.voxels.field import SLAB, Labels, VoxelField
+from topokit.adapters.voxels.field import SLAB, Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.images import image_of
+from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.samples import volume_samples
+from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.grid.components import grid_surfaces
-from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable, dual_connectivity
+from topokit.core.grid.components import counted_in_memory
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
@@ -44,6 +47,9 @@ def from_voxels(
     n_samples: int = 10_000,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    dataset: str | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> Shape:
     """The surface of the solid {volume > level}, or of the voxels with some label, with its exact topology.
 
@@ -52,10 +58,14 @@ def from_voxels(
     τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `euler()` use samples of the
     volume smoothed over one voxel; these are not differentiable.
 
+    A volume that is stored in chunks or as a memory map and has more than 2²⁷ voxels is counted block by block, with
+    the same result, and never held as a whole: its shape has a report, but no samples.
+
     Args:
         volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that; a path
-            (.npy .npz .nii .nrrd .tif .mha .dcm ..., or the folder of a DICOM series); or an image of nibabel,
-            SimpleITK or MONAI.
+            (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the folder of a DICOM series); or an image of nibabel,
+            SimpleITK or MONAI. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is read block by block
+            if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
         level: voxels strictly above it are inside. Needed unless the volume is binary (then half of its higher value).
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
@@ -65,6 +75,10 @@ def from_voxels(
         n_samples: number of samples.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
+        dataset: path of the array in a zarr group or HDF5 file that holds several.
+        block_voxels: count block by block, whatever the volume's size, with at most so many voxels in a block; but a
+            block has at least one chunk of the storage. By default 2²⁴.
+        client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -79,17 +93,21 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, values, steps = open_volume(volume, spacing)
-    x, y, z = values.shape
-    grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
     check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
     labels = _as_labels(label)
+    _check_choice(level, labels)
+    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+        place = as_spacing(spacing), as_position(origin)
+        return shape_in_blocks(blocks, *place, level, labels, connectivity, n_neighbors)
+    name, values, steps = open_volume(volume, spacing, dataset)
+    x, y, z = values.shape
+    grid = Grid((x, y, z), steps, as_position(origin))
     level, notes = _level_and_notes(values, level, labels)
     field = VoxelField(values, level, labels, grid, connectivity)
     if not field.has_inside():
-        wanted = f"equals the label {_listed(labels)}" if labels else f"is above the level {level:g}"
+        wanted = f"equals the label {listed(labels)}" if labels else f"is above the level {level:g}"
         low, high = _range(values)
         raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
     seed = deferred_seed(generator)
@@ -106,16 +124,12 @@ def from_voxels(
 
 def _count(field: VoxelField) -> CountedAnswer:
     started = time.perf_counter()
-    euler = int(field.exact_euler())
-    seconds = time.perf_counter() - started
-    inside = field.inside()
-    components = grid_surfaces(inside, field.connectivity, field.grid)
-    other_euler = int(field.exact_euler(dual_connectivity(field.connectivity)))
-    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
+    counted = counted_in_memory(field.inside(), field.connectivity, field.grid)
+    return volume_answer(counted, field.connectivity, time.perf_counter() - started)
 
 
 def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None, dataset: str | None = None
 ) -> tuple[str, Tensor, Spacing]:
     """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
     name, own_spacing = "voxels", None
@@ -123,10 +137,14 @@ def open_volume(
         path = user_path(volume)
         path = path if path.is_dir() and is_volume(path) else existing_file(path)
         with unpacked(path) as plain:
-            name, (volume, own_spacing) = path.name, read_volume(plain)
+            stored = stored_volume(plain, dataset)
+            volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), None)
+            name = path.name
+    elif (stored := stored_volume(volume, dataset)) is not None:
+        volume = stored.whole()
     elif (found := image_of(volume)) is not None:
         volume, own_spacing = found
-    return name, _as_volume(volume), _as_spacing(own_spacing if spacing is None else spacing)
+    return name, _as_volume(volume), as_spacing(own_spacing if spacing is None else spacing)
 
 
 def _as_volume(volume: object) -> Tensor:
@@ -138,7 +156,8 @@ def _as_volume(volume: object) -> Tensor:
     return comparable(values)
 
 
-def _as_spacing(spacing: float | Spacing | None) -> Spacing:
+def as_spacing(spacing: float | Spacing | None) -> Spacing:
+    """Three positive numbers, 1 by default, or an `InputError`."""
     try:
         steps = np.broadcast_to(np.asarray(1.0 if spacing is None else spacing, dtype=float), 3)
     except (TypeError, ValueError) as error:
@@ -180,19 +199,19 @@ def _as_labels(label: object) -> Labels:
     return labels
 
 
-def _listed(labels: Labels) -> str:
-    return " or ".join(f"{one:.15g}" for one in labels)
+def _check_choice(level: float | None, labels: Labels) -> None:
+    """An `InputError` if both a level and labels are given."""
+    if labels and level is not None:
+        given = f"both level={level} and label={listed(labels)} were given"
+        raise InputError(f"{given}; one of them says what is inside.")
 
 
 def _level_and_notes(values: Tensor, level: float | None, labels: Labels) -> tuple[float, tuple[str, ...]]:
     """The level to use, and sentences for the report."""
     if labels:
-        if level is not None:
-            given = f"both level={level} and label={_listed(labels)} were given"
-            raise InputError(f"{given}; one of them says what is inside.")
         absent = [one for one in labels if not any(bool((part == one).any()) for part in values.split(SLAB))]
-        lacking = (f"No voxel has the label {_listed(tuple(absent))}.",) if absent else ()
-        return 0.0, (f"The solid is the voxels with label {_listed(labels)}.", *lacking)
+        lacking = (f"No voxel has the label {listed(tuple(absent))}.",) if absent else ()
+        return 0.0, (f"The solid is the voxels with label {listed(labels)}.", *lacking)
     if level is None:
         level = 0.0 if values.dtype == torch.bool else _level_of_binary(values)
     n_nan = sum(int(part.isnan().sum()) for part in values.detach().split(SLAB)) if values.is_floating_point() else 0

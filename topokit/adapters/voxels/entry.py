@@ -11,18 +11,25 @@ from topokit.inputs.numpy_header import numpy_kind
 from topokit.plugins.adapter import Adapter
 
 NRRD = b"NRRD0"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+_ZARR = ("zarr.json", ".zarray", ".zgroup")  # a folder with one of these is an array or a group, of version 3 or 2
 _LOOKED_AT = 16  # files of a folder
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 
 
 def is_volume(source: Path) -> bool:
-    """Whether the content is a volume: NIfTI, NRRD, TIFF, MetaImage, a 3-D NumPy array, DICOM or a folder of it."""
+    """Whether the content is a volume: NIfTI, NRRD, TIFF, MetaImage, HDF5, zarr, DICOM, or a 3-D NumPy array."""
     if source.is_dir():
-        return _holds_dicom(source)
+        return is_zarr(source) or _holds_dicom(source)
     start = head(source)
-    if start.startswith((NRRD, *TIFF)) or is_dicom(start) or is_metaimage(start):
+    if start.startswith((NRRD, HDF5, *TIFF)) or is_dicom(start) or is_metaimage(start):
         return True
     return is_nifti(start) or numpy_kind(source, start) == "volume"
+
+
+def is_zarr(folder: Path) -> bool:
+    """Whether a folder is a zarr array or group."""
+    return any((folder / name).is_file() for name in _ZARR)
 
 
 def is_nifti(start: bytes) -> bool:
@@ -52,10 +59,10 @@ def _holds_dicom(folder: Path) -> bool:
 
 VOXELS = Adapter(
     name="voxels",
-    description="volumes, binary or gray; of DICOM also the folder of a series",
+    description="volumes, binary or gray; of DICOM also the folder of a series; zarr and HDF5 of any size",
     suffixes=(
         *(".nii", ".nii.gz", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm"),
-        *(".tif", ".tiff", ".npy", ".npz"),
+        *(".tif", ".tiff", ".npy", ".npz", ".zarr", ".h5", ".hdf5"),
     ),
     can_open=is_volume,
     types=("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor"),
@@ -65,6 +72,8 @@ VOXELS = Adapter(
         *((suffix, "tifffile") for suffix in (".tif", ".tiff")),
         *((suffix, "nrrd") for suffix in (".nrrd", ".nhdr")),
         *((suffix, "SimpleITK") for suffix in (".mha", ".mhd", ".dcm")),
+        (".zarr", "zarr"),
+        *((suffix, "h5py") for suffix in (".h5", ".hdf5")),
     ),
     opener="topokit.adapters.voxels.adapter:from_voxels",
 )

@@ -17,6 +17,11 @@ SLAB = 16  # layers handled at a time
 Labels = tuple[float, ...]
 
 
+def listed(labels: Labels) -> str:
+    """Labels in a sentence."""
+    return " or ".join(f"{label:.15g}" for label in labels)
+
+
 class VoxelField(Field):
     """Gray values minus their level, or +½ and −½ for a binary volume or for labels."""
 
@@ -25,6 +30,11 @@ class VoxelField(Field):
         super().__init__(grid, connectivity)
         self.volume, self.level, self.labels = volume, level, labels
         self.is_binary = bool(labels) or volume.dtype == torch.bool
+
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self.volume.device
 
     def inside(self) -> Tensor:
         """(X, Y, Z) bool."""

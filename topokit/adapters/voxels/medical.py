@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.bounds import FREE, check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError
@@ -36,13 +37,20 @@ def read_nifti(path: Path) -> Volume:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = path.read_bytes()
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
-    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, MemoryError):
+    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError):
         is_pair = data[344:347] == _PAIR or path.suffix.lower() == ".img"
         image = nibabel.Nifti1Pair.from_filename(path) if is_pair else kind.from_bytes(data)
+        check_nifti(path, image, _voxel_bytes(path, len(data)))
         array = np.asanyarray(image.dataobj)
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     return array, column_lengths(image.affine)
+
+
+def _voxel_bytes(path: Path, size: int) -> int:
+    """Bytes of a NIfTI file; with those of the image beside a header."""
+    image = path.with_suffix(".img")
+    return size + (image.stat().st_size if image.is_file() else 0)
 
 
 def read_nrrd(path: Path) -> Volume:
@@ -51,7 +59,8 @@ def read_nrrd(path: Path) -> Volume:
         import nrrd
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
-    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError, MemoryError):
+    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError):
+        check_nrrd(path)
         array, header = nrrd.read(str(path))
     if "space directions" in header:
         return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
@@ -67,7 +76,7 @@ def read_itk(path: Path) -> Volume:
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     if not path.is_dir() and not is_dicom(head(path)):
         _check_metaimage(path)
-    with _locale_kept(), reading(path, "SimpleITK", RuntimeError, MemoryError):
+    with _locale_kept(), reading(path, "SimpleITK", RuntimeError):
         if path.is_dir():
             image = SimpleITK.ReadImage(_series(path, SimpleITK))
         else:
@@ -151,7 +160,7 @@ def _check_metaimage(path: Path) -> None:
     kind = fields.get(b"ElementType", b"").decode("ascii", "replace").upper().removeprefix("MET_")
     needed = n_voxels * n_channels * _ELEMENT_BYTES.get(kind, 8)
     if fields.get(b"CompressedData", b"").upper() == b"TRUE":
-        require_expansion(path, needed, data.stat().st_size)
+        require_expansion(path, needed, data.stat().st_size, FREE)
     else:
         require_bytes(path, f"{n_voxels} voxels", needed, data.stat().st_size)
 

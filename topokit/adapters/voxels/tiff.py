@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.bounds import check_tiff
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError
 from topokit.inputs.reading import reading
@@ -22,10 +23,11 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Spacing | None]:
     except ImportError as error:
         raise MissingDependencyError('Reading .tif needs tifffile: pip install "topokit[volumes]".') from error
     damaged = (
-        *(tifffile.TiffFileError, ArithmeticError, AssertionError, LookupError, MemoryError),
+        *(tifffile.TiffFileError, ArithmeticError, AssertionError, LookupError),
         *(RuntimeError, TypeError, AttributeError, SyntaxError),  # the last one of damaged OME-XML
     )
-    with reading(path, "tifffile", *damaged), tifffile.TiffFile(path) as file:
+    with reading(path, "tifffile", *damaged), tifffile.TiffFile(path, _multifile=False) as file:
+        check_tiff(path, file)
         array = file.asarray()
         axes = file.series[0].axes if file.series else ""
         sizes = _voxel_sizes(file)

@@ -29,8 +29,8 @@ def border_mean(field: Tensor) -> Tensor:
 class DipoleSolver:
     """The linear map from dipole vectors to winding numbers on one grid, and two ways to invert it at the samples."""
 
-    def __init__(self, points: Floats, areas: Floats, cell: float) -> None:
-        """Args: points (N, 3); areas (N,); cell: desired edge length of the grid's cells."""
+    def __init__(self, points: Floats | Tensor, areas: Floats | Tensor, cell: float) -> None:
+        """Args: points (N, 3), on any device; areas (N,); cell: desired edge length of the grid's cells."""
         self.points = torch.as_tensor(points, dtype=torch.float32)
         areas_ = torch.as_tensor(areas, dtype=torch.float32)
         self.areas = areas_ / areas_.mean()
@@ -52,7 +52,7 @@ class DipoleSolver:
         self.solve.smooth(sigma)
         root = self.areas.sqrt()[:, None]
         solution = torch.zeros_like(self.points)
-        residual = root * self.adjoint(torch.full((len(self.points),), 0.5))
+        residual = root * self.adjoint(torch.full_like(self.areas, 0.5))
         direction, size, scale = residual.clone(), (residual * residual).sum(), None
         for _ in range(iterations):
             image = root * self.adjoint(self.sampler.gather(self.field(root * direction)))

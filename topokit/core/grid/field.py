@@ -12,9 +12,11 @@ from topokit.core.grid.euler import (
     at_least_single,
     check_connectivity,
     critical_index,
+    smoothed_euler,
     surface_euler,
 )
 from topokit.core.grid.grid import Grid
+from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
 SMALLEST_TAU = 1e-30  # slopes go with 1 / τ, and single precision has to hold them
@@ -29,10 +31,13 @@ class Field(ABC):
     Attributes:
         grid: its geometry.
         connectivity: 6 or 26, that of the solid; the background has the other one.
+        is_costly: whether values are computed when they are asked for, so that a few are much cheaper than all.
 
     Raises:
         InputError: for another connectivity.
     """
+
+    is_costly = False
 
     def __init__(self, grid: Grid, connectivity: int) -> None:
         self.grid = grid
@@ -41,6 +46,11 @@ class Field(ABC):
     @abstractmethod
     def values(self) -> Tensor:
         """The field (X, Y, Z) minus its level: positive inside, differentiable in what the shape was made from."""
+
+    @property
+    @abstractmethod
+    def device(self) -> torch.device:
+        """Where the values are."""
 
     def detached(self) -> Tensor:
         """The values without a graph."""
@@ -52,6 +62,15 @@ class Field(ABC):
         x, y, z = vertices.unbind(1)
         return self.values()[x, y, z]
 
+    def updated(self, known: Tensor, width: float) -> Tensor:
+        """The values (X, Y, Z) as they are now, without a graph; far from the level they may be the known ones.
+
+        Args:
+            known: values at an earlier time.
+            width: distance from the level up to which known values are not trusted.
+        """
+        return self.detached()
+
     def exact_euler(self, connectivity: int | None = None) -> Tensor:
         """χ of the surface of {values > 0}, a 0-d int64 tensor; in the field's own connectivity if None is given."""
         return surface_euler(self.detached(), connectivity=connectivity or self.connectivity)
@@ -59,7 +78,8 @@ class Field(ABC):
     def smoothed_euler(self, tau: float | None = None, values: Tensor | None = None) -> Tensor:
         """χ_τ of the surface on the field's own grid and in its own connectivity (see `euler.smoothed_euler`).
 
-        χ_τ depends only on the values at critical vertices, so only these are evaluated with a graph.
+        χ_τ depends only on the values at critical vertices, so only these are evaluated with a graph. To find them is a
+        look at the device: on accelerators all known values are summed instead, if τ is given.
 
         Args:
             tau: scale of the levels, in units of the field; `default_tau` if None. 0 gives the exact integer of the
@@ -76,12 +96,21 @@ class Field(ABC):
             raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
         if tau == 0:
             return self.exact_euler()
+        if tau is not None and not self.is_costly and stays_on_device(self.device):
+            return smoothed_euler(self.values(), tau, connectivity=self.connectivity)
         values = self.detached() if values is None else values
         tau = default_tau(values) if tau is None else tau
+        return self.weighted_sum(*self.critical_vertices(values), tau)
+
+    def critical_vertices(self, values: Tensor) -> tuple[Tensor, Tensor]:
+        """Grid vertices (M, 3) that have a share in χ_τ, and their critical index (M,), for these values."""
         index = critical_index(values, self.connectivity)
         counts = (index != 0) | values.isnan()  # NaN gives NaN, as everywhere
-        critical = at_least_single(self.values_at(counts.nonzero()))
-        return 2 * (index[counts] * torch.sigmoid(critical / tau)).sum()
+        return counts.nonzero(), index[counts]
+
+    def weighted_sum(self, vertices: Tensor, index: Tensor, tau: float) -> Tensor:
+        """χ_τ from what `critical_vertices` returns, 0-d; differentiable in the values there."""
+        return 2 * (index * torch.sigmoid(at_least_single(self.values_at(vertices)) / tau)).sum()
 
 
 class GridField(Field):
@@ -91,6 +120,11 @@ class GridField(Field):
         x, y, z = values.shape
         super().__init__(grid or Grid((x, y, z)), connectivity)
         self._values = values
+
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self._values.device
 
     def values(self) -> Tensor:
         """See `Field.values`."""

@@ -73,10 +73,10 @@ class Grid:
 
     def positions(self, index: Tensor) -> Tensor:
         """Positions (N, 3), float64, of vertices given by their flat index (N,) in C order."""
-        vertices = torch.stack(torch.unravel_index(index, self.shape), dim=-1)
-        return vertices * vertices.new_tensor(self.spacing, dtype=torch.float64) + vertices.new_tensor(
-            self.origin, dtype=torch.float64
-        )
+        layer, row = self.shape[1] * self.shape[2], self.shape[2]
+        vertices = (index // layer, index % layer // row, index % row)
+        along = zip(vertices, self.spacing, self.origin, strict=True)
+        return torch.stack([vertex.double() * step + start for vertex, step, start in along], dim=-1)
 
     def refined(self) -> Grid:
         """The grid of half the step on the same box."""

@@ -41,7 +41,7 @@ class PoissonFilter:
         axes.append(torch.fft.rfftfreq(grid.shape[2], dtype=like.dtype, device=like.device))
         self._squares = [(2 * math.pi * axis) ** 2 for axis in axes]  # of wave numbers per cell
         squared = self._squares[0][:, None, None] + (self._squares[1][:, None] + self._squares[2])
-        squared[0, 0, 0] = torch.inf  # the mean becomes zero
+        squared[0, 0, 0].fill_(torch.inf)  # the mean becomes zero
         self._inverse = squared.reciprocal_()
         self.smooth(sigma)
 

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from topokit.core.handles.cycle_basis import CycleBasis, symmetric
+from topokit.core.mesh.connectivity import edge_keys
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -42,10 +43,9 @@ class AnnotatedGraph:
     @cached_property
     def _sorted_pairs(self) -> tuple[Integers, Integers]:
         """Codes of the pairs of distinct nodes that have an edge, sorted, and the shortest edge of each."""
-        low, high = np.minimum(self.first, self.second), np.maximum(self.first, self.second)
-        codes = low * self.n_nodes + high
+        codes = edge_keys(self.first, self.second, self.n_nodes)
         order = np.lexsort((self.lengths, codes))
-        order = order[low[order] != high[order]]
+        order = order[self.first[order] != self.second[order]]
         is_new = np.concatenate(([True], np.diff(codes[order]) > 0))
         return codes[order][is_new], order[is_new]
 
@@ -58,7 +58,7 @@ class AnnotatedGraph:
     def between(self, start: Integers, end: Integers) -> tuple[Integers, Integers]:
         """The shortest edge (N,) between neighboring nodes, and 1 or −1 by its direction."""
         codes, edges = self._sorted_pairs
-        found = edges[np.searchsorted(codes, np.minimum(start, end) * self.n_nodes + np.maximum(start, end))]
+        found = edges[np.searchsorted(codes, edge_keys(start, end, self.n_nodes))]
         return found, np.where(self.first[found] == start, 1, -1)
 
     def potentials(self, parents: Integers) -> Integers:

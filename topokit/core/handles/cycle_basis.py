@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
-from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
+from topokit.core.mesh.connectivity import MeshConnectivity, edge_keys, mesh_connectivity, next_corner
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -49,17 +49,14 @@ class EdgeGraph:
 
     @cached_property
     def _keys(self) -> tuple[Integers, Integers]:
-        keys = self._key(self.tails, self.heads)
+        keys = edge_keys(self.tails, self.heads, self.n_vertices)
         order = np.argsort(keys)
         return keys[order], order
-
-    def _key(self, first: Integers, second: Integers) -> Integers:
-        return np.minimum(first, second) * self.n_vertices + np.maximum(first, second)
 
     def between(self, first: Integers, second: Integers) -> tuple[Integers, Integers]:
         """The edges (N,) between pairs of neighboring vertices, and 1 or −1 by the direction of each."""
         ordered, order = self._keys
-        edges = order[np.searchsorted(ordered, self._key(first, second))]
+        edges = order[np.searchsorted(ordered, edge_keys(first, second, self.n_vertices))]
         return edges, np.where(self.tails[edges] == first, 1, -1)
 
 

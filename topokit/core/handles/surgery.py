@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.labels import connected_labels
-from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
+from topokit.core.mesh.connectivity import MeshConnectivity, edge_keys, mesh_connectivity, next_corner
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -90,8 +90,7 @@ def _edges_of(mesh: MeshConnectivity, loops: list[Integers]) -> Booleans:
     corners = mesh.faces.ravel()
     first, second = corners[half], corners[next_corner(half)]
     starts, ends = np.concatenate(loops), np.concatenate([np.roll(loop, -1) for loop in loops])
-    keys = np.minimum(starts, ends) * n_vertices + np.maximum(starts, ends)
-    return np.isin(np.minimum(first, second) * n_vertices + np.maximum(first, second), keys)
+    return np.isin(edge_keys(first, second, n_vertices), edge_keys(starts, ends, n_vertices))
 
 
 def _taken_apart(vertices: Floats, mesh: MeshConnectivity, is_cut: Booleans) -> Arrays:

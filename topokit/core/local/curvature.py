@@ -63,7 +63,7 @@ class Curvature:
     """Curvature and area element at N samples; all floating-point tensors are differentiable.
 
     Attributes:
-        gaussian: K = det W, (..., N), in 1/length².
+        gaussian: K = det W, (..., N), in 1/length². Rows of padding have area 0, and nothing else of meaning.
         mean: H = ½ tr W, (..., N), in 1/length; positive where the surface bends towards its inside (sphere of radius
             r: 1/r). Its sign is that of the normals and is arbitrary where those are not oriented.
         total: F = tr(WᵀW), (..., N), in 1/length²; κ₁² + κ₂² for a symmetric W. This is the paper's total curvature,
@@ -99,7 +99,8 @@ def surface_curvature(
     Args:
         samples: N points, with normals or frames if they are known.
         settings: number of neighbors and methods.
-        neighbors: (..., N, k) indices from an earlier call, nearest first; they are searched otherwise.
+        neighbors: (..., N, k) indices from an earlier call, nearest first; they are searched otherwise. Rows of padding
+            must hold their own index.
 
     Returns:
         `Curvature`, differentiable in points, normals, frames and areas at fixed neighbor indices: values jump where a
@@ -109,7 +110,8 @@ def surface_curvature(
         InputError: if there are too few points, or for an unknown method.
     """
     if neighbors is None:
-        neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
+        neighbors = nearest_neighbors(samples.points, settings.n_neighbors, lengths=samples.lengths)
+    samples = samples.without_values_in_padding()
     flat, merged = samples.flat(), merged_neighbors(neighbors)
     normals = _unit_normals(flat, merged, settings.normal_method)
 

@@ -68,7 +68,8 @@ def fit_quadrics(offsets: Tensor) -> QuadricFit:
     matrix = basis.mT @ basis
     ridge = torch.finfo(x.dtype).eps ** 0.75 * matrix.detach().diagonal(dim1=-2, dim2=-1).sum(-1)
     identity = torch.eye(TERMS, dtype=x.dtype, device=x.device)
-    inverse = torch.linalg.inv(matrix + ridge.where(ridge > 0, 1)[:, None, None] * identity)
+    lifted = matrix + ridge.where(ridge > 0, 1)[:, None, None] * identity
+    inverse = torch.linalg.inv_ex(lifted).inverse  # never singular: there is no error to look for
     coefficients = inverse @ (basis.mT @ z[..., None])
     residual = (z - (basis @ coefficients).squeeze(-1)) * is_used
     return QuadricFit(frames, coefficients.squeeze(-1), residual, inverse, radius, is_used.sum(-1))

@@ -9,6 +9,8 @@ import torch
 from torch import Tensor
 
 from topokit.core.linalg import squared_norm
+from topokit.core.local.dense_cells import dense_cell_areas
+from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
 AreaMethod = Literal["exact", "monte-carlo"]
@@ -72,6 +74,8 @@ def exact_cell_areas(tangent: Tensor, vertices: CellVertices | None = None) -> t
         areas (...,) and is_open (...,) as in `cell_areas`. Neighbors that coincide with the origin are ignored; a
         neighborhood that spans no area has area 0 and is open.
     """
+    if vertices is None and stays_on_device(tangent):
+        return dense_cell_areas(tangent)
     cells = tangent.reshape(-1, *tangent.shape[-2:])  # (m, k, 2)
     squared = squared_norm(cells)
     vertices = vertices or cell_vertices(cells)

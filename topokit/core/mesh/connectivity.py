@@ -103,11 +103,16 @@ def mesh_connectivity(faces: Integers) -> MeshConnectivity:
     """
     corners = faces.ravel()
     ends = np.roll(faces, -1, axis=1).ravel()
-    keys = np.minimum(corners, ends) * (int(faces.max()) + 1) + np.maximum(corners, ends)
+    keys = edge_keys(corners, ends, int(faces.max()) + 1)
     order = np.argsort(keys, kind="stable")  # faster than quicksort here: neighboring faces have neighboring keys
     ordered = keys[order]
     starts = np.concatenate(([0], np.flatnonzero(ordered[1:] != ordered[:-1]) + 1))
     return MeshConnectivity(faces, order, starts, np.diff(starts, append=len(order)))
+
+
+def edge_keys(first: Integers, second: Integers, n_vertices: int) -> Integers:
+    """One number for each undirected edge, the same from either end."""
+    return np.minimum(first, second) * n_vertices + np.maximum(first, second)
 
 
 def next_corner(corner: Integers) -> Integers:

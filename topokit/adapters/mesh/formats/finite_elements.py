@@ -38,7 +38,7 @@ def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float
     refuse_entities(path)
     _refuse_other_data(path)
     damaged = (
-        *(meshio.ReadError, ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
+        *(meshio.ReadError, ArithmeticError, AssertionError, AttributeError, LookupError),
         *(NotImplementedError, RuntimeError, SyntaxError, TypeError),
     )
     with reading(path, "meshio", *damaged), contextlib.redirect_stdout(io.StringIO()):  # where it prints warnings

@@ -3,9 +3,9 @@
 python examples/monitor_training.py                                     # on a GPU if there is one
 python examples/monitor_training.py --clouds 2 --points 1000 --steps 5  # some seconds on a CPU
 
-A network learns to twist spheres and tori. A deformation must not tear them: χ by Gauss–Bonnet has to stay near 2 and 0.
-Watching is one batched call per step, without a loop over the clouds; on a GPU nothing visits the host until the numbers
-are printed at the end.
+A network learns to twist spheres and tori. It must not tear them: χ by Gauss–Bonnet has to stay near 2 and 0. Watching
+is one batched call per step, without a loop over the clouds; on a GPU nothing visits the host until the numbers are
+printed at the end.
 """
 
 from __future__ import annotations
@@ -95,9 +95,8 @@ def main() -> None:
     history = torch.stack(seen)
     spheres, tori = history[:, : sizes.clouds // 2], history[:, sizes.clouds // 2 :]
     print(f"{sizes.clouds} clouds of {sizes.points} points on {device.type}; error {errors[0]:.3f} to {errors[-1]:.3f}")
-    print(
-        f"χ of the spheres: {spheres.min():+.2f} to {spheres.max():+.2f}; of the tori: {tori.min():+.2f} to {tori.max():+.2f}"
-    )
+    for name, values in (("spheres", spheres), ("tori", tori)):
+        print(f"χ of the {name}: {values.min():+.2f} to {values.max():+.2f}")
     print(f"a step: {1e3 * training / sizes.steps:.0f} ms; watching adds {100 * watching / training:.0f} %")
 
 

@@ -1,5 +1,6 @@
 # make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
-# make test   the same, with everything the tests need, and the tests
+# make test   the same, with everything the tests need, and the tests that take at most five minutes on two cores
+# make test-all   every test, with the long ones: examples, programs of the documentation, fuzzing, real scans
 # make lint   ruff, mypy and codespell (American spelling)
 # make docs   the documentation, as a site in docs/site
 # make bench  the benchmarks (ratios within one run)
@@ -8,13 +9,16 @@ PYTHON ?= python3
 TORCH ?= torch==2.13.0
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test lint docs bench clean
+.PHONY: demo test test-all lint docs bench clean
 
 demo: .venv/installed
 	.venv/bin/python -m topokit demo
 
 test: .venv/tested
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist worksteal -m "not long"
+
+test-all: .venv/tested
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n auto --dist worksteal
 
 lint: .venv/tested
 	.venv/bin/ruff check .

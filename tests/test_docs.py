@@ -27,6 +27,7 @@ def test_pages_with_programs_are_found() -> None:
     assert {"pages.md", "quickstart.md", "recipes.md", "verdict.md"} <= {page.name for page in PAGES}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_programs_of_a_page_run(page: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-X", "utf8", "-W", "error::RuntimeWarning", "-c", "\n".join(programs(page))]
@@ -34,6 +35,7 @@ def test_the_programs_of_a_page_run(page: Path, tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
+@pytest.mark.long
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     for name in ("furo", "myst_parser", "sphinx", "sphinx_copybutton"):
         pytest.importorskip(name, reason="the documentation needs the extra docs")

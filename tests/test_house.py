@@ -14,7 +14,7 @@ import topokit
 
 ROOT = Path(topokit.__file__).parent
 FLOORS = [
-    {"errors"},
+    {"errors", "ending"},
     {"inputs"},
     {"core"},
     {"report", "export"},
@@ -28,10 +28,11 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "chunks", "components", "labels", "draws", "threads", "surface", "loops"}
+    {"samples", "neighbors", "kd_tree", "linalg", "chunks"}
+    | {"components", "labels", "draws", "threads", "surface", "loops", "stages"}
     | {"device_neighbors", "jacobi", "kd_order", "residence", "selection"},
     {"local", "grid"},
-    {"cloud", "mesh", "implicit", "homotopy"},
+    {"cloud", "mesh", "implicit", "homotopy", "blocks"},
     {"handles"},
 ]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "potpourri3d", "rich", "typer")

@@ -91,7 +91,14 @@ def test_any_order_gives_the_answers_of_fresh_shapes(name: str, questions: list[
 
 
 @pytest.mark.parametrize("samples", [sphere_samples, torus_samples], ids=["sphere", "torus"])
-@pytest.mark.parametrize(("n_points", "others"), [(300, (4, 6, 12, 60)), (1000, (4, 12, 60)), (5000, (60,))])
+@pytest.mark.parametrize(
+    ("n_points", "others"),
+    [
+        (300, (4, 6, 12, 60)),
+        pytest.param(1000, (4, 12, 60), marks=pytest.mark.long),
+        pytest.param(5000, (60,), marks=pytest.mark.long),
+    ],
+)
 def test_the_report_of_a_closed_cloud_ignores_the_number_of_neighbors(
     samples: Callable[[int], Any], n_points: int, others: tuple[int, ...]
 ) -> None:

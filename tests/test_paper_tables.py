@@ -36,6 +36,7 @@ def test_the_paper_scored_again() -> None:
         assert right == wanted, name
 
 
+@pytest.mark.long
 def test_topology_quick_runs(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
     words = [sys.executable, str(SCRIPT), "topology", "--quick", "--json", str(out)]

@@ -38,6 +38,7 @@ def test_broken_meshes_are_never_wrongly_certain(real_data: Path) -> None:
             assert any("open" in reason for reason in report.reasons)
 
 
+@pytest.mark.long
 def test_scans_are_never_wrongly_likely(real_data: Path) -> None:
     """Those with a known truth, and the small ones; the large lidar scans are left to the accuracy score."""
     for row in rows(real_data, "points"):

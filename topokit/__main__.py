@@ -1,6 +1,6 @@
 """`python -m topokit` is the command `topokit`."""
 
-from topokit.cli.app import app
+from topokit.cli.main import main
 
 if __name__ == "__main__":
-    app(prog_name="topokit")
+    main()

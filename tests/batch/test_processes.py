@@ -31,9 +31,9 @@ def test_a_process_that_dies_costs_one_result() -> None:
         map_in_processes(signal.raise_signal, [signal.SIGWINCH, signal.SIGSEGV, signal.SIGWINCH], 2, after_death)
     )
     assert found[::2] == [None, None]
-    assert str(found[1]).endswith("died: SIGSEGV, Segmentation fault")
+    assert str(found[1]).endswith("its process died (SIGSEGV, Segmentation fault)")
     found = list(map_in_processes(os._exit, [3], 1, after_death))
-    assert found == ["3 died: exit code 3"]
+    assert found == ["3 died: its process died (exit code 3)"]
     found = list(map_in_processes(signal.raise_signal, [signal.SIGKILL], 1, after_death))
     assert "SIGKILL, Killed: perhaps the memory was used up" in str(found[0])
 

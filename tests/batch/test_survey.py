@@ -95,7 +95,7 @@ def test_a_file_that_ends_its_process_costs_one_row(
     rows = {Path(row["file"]).name: row for row in tk.survey(folder, jobs=2)}
     monkeypatch.undo()
     tk.refresh_adapters()
-    assert rows["abort.crash"]["error"].endswith("the process that examined it died (SIGABRT, Aborted).")
+    assert rows["abort.crash"]["error"].endswith("its process died (SIGABRT, Aborted).")
     assert "ZeroDivisionError" in rows["divide.crash"]["error"]
     assert sum(row["error"] is None for row in rows.values()) == 5  # truncated.stl is the third that failed
 
@@ -140,13 +140,14 @@ def test_details_are_columns(folder: Path) -> None:
 
 
 def test_a_page_of_all_files(folder: Path) -> None:
-    tk.survey(folder, jobs=2).save_html(folder / "page.html", title="All of them")
+    survey = tk.survey(folder)
+    survey.save_html(folder / "page.html", title="All of them")
     page = (folder / "page.html").read_text(encoding="utf-8")
     assert page.count("data:image/webp") == 5
     assert "All of them" in page
     assert "truncated.stl" in page
     with pytest.raises(tk.InputError, match="must be called"):
-        tk.survey(folder).save_html(folder / "page.txt")
+        survey.save_html(folder / "page.txt")
 
 
 def meshes(folder: Path, genera: list[int]) -> Path:

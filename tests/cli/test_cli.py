@@ -62,8 +62,8 @@ def test_report_answers_every_file_it_can(files: Path) -> None:
 
 
 def test_report_as_json(files: Path) -> None:
-    found = run("report", "--json", files / "double.obj", files / "broken.ply", "-k", 15, "--samples", 2000)
-    assert found.returncode == 1
+    found = invoke("report", "--json", files / "double.obj", files / "broken.ply", "-k", 15, "--samples", 2000)
+    assert found.exit_code == 1
     good, bad = json.loads(found.stdout)
     assert (good["euler"], good["genus"], good["verdict"], good["surface_betti"]) == (-2, 2, "certain", [1, 4, 1])
     assert good["evidence"][0]["name"] == "V − E + F"
@@ -72,19 +72,19 @@ def test_report_as_json(files: Path) -> None:
 
 
 def test_euler_and_genus_print_lines_for_machines(files: Path) -> None:
-    found = run("euler", files / "double.obj", files / "open.off")
-    assert found.returncode == 0
+    found = invoke("euler", files / "double.obj", files / "open.off")
+    assert found.exit_code == 0
     assert found.stdout.splitlines() == [f"-2\tcertain\t{files / 'double.obj'}", f"-1\tunsure\t{files / 'open.off'}"]
     assert found.stderr == ""
-    found = run("genus", files / "cloud.xyz", files / "broken.ply", files / "double.obj")
-    assert found.returncode == 1
+    found = invoke("genus", files / "cloud.xyz", files / "broken.ply", files / "double.obj")
+    assert found.exit_code == 1
     assert found.stdout.splitlines() == [f"0\tlikely\t{files / 'cloud.xyz'}", f"2\tcertain\t{files / 'double.obj'}"]
 
 
 def test_curvature_writes_a_colored_mesh(files: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.ply"
-    found = run("curvature", files / "double.obj", "-o", output, "--color-by", "mean")
-    assert found.returncode == 0
+    found = invoke("curvature", files / "double.obj", "-o", output, "--color-by", "mean")
+    assert found.exit_code == 0
     written, mesh = PlyData.read(str(output)), trimesh.load(files / "double.obj", process=False)
     assert len(written["vertex"].data) == len(mesh.vertices)
     assert len(written["face"].data) == len(mesh.faces)
@@ -101,27 +101,27 @@ def test_curvature_writes_a_colored_mesh(files: Path, tmp_path: Path) -> None:
 
 def test_curvature_of_a_cloud_keeps_its_points(files: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.ply"
-    assert run("curvature", files / "cloud.xyz", "-o", output).returncode == 0
+    assert invoke("curvature", files / "cloud.xyz", "-o", output).exit_code == 0
     written = PlyData.read(str(output))
     assert len(written["vertex"].data) == 1500
     assert abs(np.median(written["vertex"]["gaussian"]) - 1) < 0.2
 
 
 def test_a_folder_that_is_not_there_is_explained(files: Path, tmp_path: Path) -> None:
-    found = run("curvature", files / "cloud.xyz", "-o", tmp_path / "no" / "out.ply")
-    assert found.returncode == 1
+    found = invoke("curvature", files / "cloud.xyz", "-o", tmp_path / "no" / "out.ply")
+    assert found.exit_code == 1
     assert "does not exist: create it first" in found.stderr
 
 
 def test_curvature_does_not_write_over_what_it_reads_nor_ply_under_another_name(files: Path, tmp_path: Path) -> None:
     cloud = tmp_path / "own.ply"
-    assert run("curvature", files / "cloud.xyz", "-o", cloud).returncode == 0
+    assert invoke("curvature", files / "cloud.xyz", "-o", cloud).exit_code == 0
     content = cloud.read_bytes()
-    found = run("curvature", cloud, "-o", cloud)
-    assert (found.returncode, cloud.read_bytes()) == (1, content)
+    found = invoke("curvature", cloud, "-o", cloud)
+    assert (found.exit_code, cloud.read_bytes()) == (1, content)
     assert "is the file to read; name another one to write" in found.stderr
-    found = run("curvature", cloud, "-o", tmp_path / "out.obj")
-    assert found.returncode == 1
+    found = invoke("curvature", cloud, "-o", tmp_path / "out.obj")
+    assert found.exit_code == 1
     assert "does not end with .ply" in found.stderr
 
 
@@ -129,12 +129,12 @@ def test_curvature_does_not_write_over_what_it_reads_nor_ply_under_another_name(
     "arguments", [("report",), ("report", "--no-such-option", "x"), ("fly",), ("report", "-k", "2", "x")]
 )
 def test_usage_errors_exit_with_2(arguments: tuple[str, ...]) -> None:
-    assert run(*arguments).returncode == 2
+    assert invoke(*arguments).exit_code == 2
 
 
 def test_seed_and_k_reach_the_core(files: Path) -> None:
     answers = [
-        json.loads(run("report", "--json", "--details", files / "double.obj", *options).stdout)[0]["estimate"]
+        json.loads(invoke("report", "--json", "--details", files / "double.obj", *options).stdout)[0]["estimate"]
         for options in ((), (), ("--seed", 0), ("--seed", 0), ("--seed", 1), ("-k", 12), ("--samples", 3000))
     ]
     assert answers[0] == answers[1]
@@ -248,13 +248,13 @@ def test_the_version() -> None:
 
 
 def test_adapters_lists_what_can_be_opened() -> None:
-    found = run("adapters")
-    assert found.returncode == 0
+    found = invoke("adapters")
+    assert found.exit_code == 0
     rows = [line.split("\t") for line in found.stdout.splitlines()]
     assert [row[0] for row in rows[:2]] == ["mesh", "points"]
     assert rows[0][1].split()[0] == ".obj"
     assert all(len(row) == 3 for row in rows)
-    first = json.loads(run("adapters", "--json").stdout)[0]
+    first = json.loads(invoke("adapters", "--json").stdout)[0]
     assert (first["name"], first["usable"], first["problem"]) == ("mesh", True, None)
 
 
@@ -274,7 +274,7 @@ def test_a_broken_plug_in_is_one_line_on_stderr(files: Path, tmp_path: Path, mon
 
 
 def test_demo_shows_a_mesh_and_a_cloud() -> None:
-    found = run("demo")
-    assert found.returncode == 0
+    found = invoke("demo")
+    assert found.exit_code == 0
     assert "a genus-3 mesh: Euler characteristic -4 (certain), genus 3" in found.stdout
     assert "a torus as an unoriented point cloud: Euler characteristic 0" in found.stdout

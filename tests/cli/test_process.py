@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -12,6 +13,8 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import psutil
 import pytest
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -65,6 +68,7 @@ def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs:
     assert len(json.loads(beginning + rest)) >= 5
 
 
+@pytest.mark.long
 def test_two_processes_give_the_same_lines(folder: Path) -> None:
     found = [
         subprocess.run([*TOPOKIT, "euler", folder, "--jobs", jobs], capture_output=True, text=True, timeout=240)
@@ -111,3 +115,33 @@ def test_a_terminal_shows_a_table_and_the_progress(folder: Path) -> None:
     rows = [line for line in plain.splitlines() if re.search(r"\.ply +certain", line)]
     assert len(rows) == 30
     assert max(map(len, rows)) <= 50
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes cannot be sent this signal")
+def test_a_terminated_command_keeps_its_rows_and_ends_its_processes(folder: Path) -> None:
+    command = [*TOPOKIT, "report", *[folder] * 400, "--jsonl", "--jobs", "2"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        first = process.stdout.readline()
+        workers = psutil.Process(process.pid).children()
+        process.terminate()
+        rest, errors = process.stdout.read(), process.stderr.read().decode()
+    assert process.returncode == 143
+    assert errors.splitlines()[-1] == "topokit: ended by SIGTERM; results that were written are whole."
+    assert all(json.loads(line) for line in (first + rest).splitlines())
+    assert len(workers) == 2
+    assert not psutil.wait_procs(workers, timeout=30)[1]
+
+
+def test_limits_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
+    cloud = np.random.default_rng(0).normal(size=(20_000, 3))
+    np.save(folder / "50.npy", cloud)  # a blob of noise takes long
+    command = [*TOPOKIT, "report", *map(str, (folder / "00.ply", folder / "50.npy", folder / "01.ply")), "--csv"]
+    found = subprocess.run([*command, "--time-limit", "1"], capture_output=True, text=True, timeout=240)
+    rows = list(csv.DictReader(found.stdout.splitlines()))
+    assert found.returncode == 1
+    assert [row["verdict"] for row in rows] == ["certain", "", "certain"]
+    assert "it took longer than the time limit of 1 s" in found.stderr
+    wrong = subprocess.run([*command, "--memory-limit", "0"], capture_output=True, text=True, timeout=240)
+    assert wrong.returncode == 2

@@ -205,7 +205,7 @@ def test_normals_that_are_given_win_over_those_of_an_object() -> None:
         (
             object(),
             "from_points got object; expected a path, a tensor or array (N, 3), anything with __dlpack__ or __array__, "
-            "or a point cloud of open3d or trimesh.",
+            "a data frame, or a point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo.",
         ),
         (
             Refusing(),

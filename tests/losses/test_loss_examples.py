@@ -17,6 +17,7 @@ SURFACES = re.compile(r"(\d+) surfaces?: \d+ − \d+ \+ \d+ = (-?\d+), genus (\d
 COST = re.compile(r"([+-]\d+\.\d)%")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "before", "after"),
     [

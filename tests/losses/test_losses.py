@@ -133,7 +133,16 @@ def test_gradcheck_of_the_topology_loss(options: dict[str, Any], generator: torc
     [(euler, {}), (topology, {}), (topology, {"change": "add"}), (topology, {"genus": (0, 0)})],
     ids=["euler", "topology", "add", "two components"],
 )
-@pytest.mark.parametrize("dtype", [torch.float32, DOUBLE, torch.bfloat16, torch.float16])
+@pytest.mark.parametrize(
+    "dtype",
+    [
+        torch.float32,
+        torch.float16,
+        pytest.param(DOUBLE, marks=pytest.mark.long),
+        pytest.param(torch.bfloat16, marks=pytest.mark.long),
+    ],
+    ids=str,
+)
 def test_loss_and_gradient_are_finite_at_degenerate_fields(
     loss: Loss, options: dict[str, Any], dtype: torch.dtype, generator: torch.Generator
 ) -> None:

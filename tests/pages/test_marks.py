@@ -8,7 +8,7 @@ import pytest
 import topokit as tk
 from topokit.export.scene import Mark
 from topokit.pages import page_of
-from topokit.pages.marks import MOST_MARKS, marks_of
+from topokit.pages.marks import marks_of
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 from topokit.testing.meshes import joined
 
@@ -57,8 +57,10 @@ def test_points_without_a_surface_have_no_marks_but_a_page() -> None:
     assert page_of(shape, shape.report(locate=True)).details
 
 
-def test_only_so_many_are_shown() -> None:
-    spheres = joined(*(icosphere(0) for _ in range(MOST_MARKS + 20)))
+def test_only_so_many_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = 30
+    monkeypatch.setattr("topokit.pages.marks.MOST_MARKS", most)
+    spheres = joined(*(icosphere(0) for _ in range(most + 10)))
     torn = np.delete(spheres[1], np.arange(0, len(spheres[1]), 20), axis=0)
     found = marks(tk.from_mesh(spheres[0], torn))
-    assert 0 < kinds(found).count("boundary") <= MOST_MARKS
+    assert kinds(found).count("boundary") == most

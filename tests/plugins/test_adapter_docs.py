@@ -32,6 +32,7 @@ def run(command: str, environment: Environment, folder: Path) -> str:
     return found.stdout
 
 
+@pytest.mark.long
 def test_every_block_does_what_it_says(tmp_path: Path) -> None:
     environment = Environment.make(tmp_path / "environment")
     folder = tmp_path / "work"

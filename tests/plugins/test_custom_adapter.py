@@ -31,6 +31,7 @@ def test_load_finds_it(environment: Environment) -> None:
     assert answer == "ring.metaballs: Euler characteristic 0 (likely), genus 1, 1 component, closed"
 
 
+@pytest.mark.long
 def test_the_command_line_finds_it(environment: Environment) -> None:
     found = environment.topokit("report", "--json", RING)
     assert found.returncode == 0, found.stderr
@@ -38,12 +39,14 @@ def test_the_command_line_finds_it(environment: Environment) -> None:
     assert "metaballs\t.metaballs\tusable" in environment.topokit("adapters").stdout.splitlines()
 
 
+@pytest.mark.long
 def test_its_own_tests_pass(environment: Environment) -> None:
     found = environment.pytest(environment.folder / "source")
     assert found.returncode == 0, found.stdout
     assert " passed" in found.stdout
 
 
+@pytest.mark.long
 def test_uninstalled_it_is_gone(environment: Environment) -> None:
     environment.uninstall("topokit-metaballs")
     try:

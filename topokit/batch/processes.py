@@ -12,13 +12,19 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import IO, TypeVar
+from typing import Any, TypeVar
+
+from topokit.batch.limits import NO_LIMITS, Limits, memory_of, watched
+from topokit.batch.worker import import_what_is_needed
+from topokit.ending import finally_do
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 _AHEAD = 256  # tasks begun before the first result is taken: enough to work on behind a slow one, few enough to keep
 _START = "import sys; sys.path[:] = {path!r}; from topokit.batch.worker import main; main()"
+# A process group of its own: an interrupt from the keyboard goes to a whole group, and the parent ends its workers.
+_APART: dict[str, Any] = {"creationflags": 0x200} if sys.platform == "win32" else {"process_group": 0}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -32,6 +38,7 @@ def map_in_processes(
     tasks: Iterable[Task],
     jobs: int,
     after_death: Callable[[Task, str], Result],
+    limits: Limits = NO_LIMITS,
 ) -> Generator[Result]:
     """The results of a function in the order of its tasks, each as soon as it and those before it are known.
 
@@ -44,8 +51,9 @@ def map_in_processes(
         tasks: what to call it with, one at a time.
         jobs: number of processes.
         after_death: gives, for the task whose process died and the reason, the result in its place.
+        limits: on each task; a process that exceeds one is ended.
     """
-    workers = [_Worker(max(1, n_cores() // jobs)) for _ in range(jobs)]
+    workers = [_Worker(max(1, n_cores() // jobs), limits) for _ in range(jobs)]
     idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
     for worker in workers:
         idle.put(worker)
@@ -60,18 +68,21 @@ def map_in_processes(
         finally:
             idle.put(worker)
 
-    threads = ThreadPoolExecutor(jobs)
-    try:
-        waiting: deque[Future[Result]] = deque()
-        for task in tasks:
-            waiting.append(threads.submit(run, task))
-            if len(waiting) >= _AHEAD:
-                yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
-    finally:
+    def kill() -> None:
         for worker in workers:
             worker.kill()
+
+    threads = ThreadPoolExecutor(jobs)
+    try:
+        with finally_do(kill):
+            waiting: deque[Future[Result]] = deque()
+            for task in tasks:
+                waiting.append(threads.submit(run, task))
+                if len(waiting) >= _AHEAD:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+    finally:
         threads.shutdown(cancel_futures=True)
         for worker in workers:
             worker.close()
@@ -84,7 +95,9 @@ class _DeathError(Exception):
 class _Worker:
     """A process that answers one task at a time; it is started with the first one, and again after its death."""
 
-    def __init__(self, n_threads: int) -> None:
+    def __init__(self, n_threads: int, limits: Limits) -> None:
+        self._limits = limits
+        self._least = 0.0  # GiB of the process before its first task
         threads = {name: str(n_threads) for name in _THREADS} | {"OMP_WAIT_POLICY": "passive"}
         self._environment = threads | os.environ | {"TTY_INTERACTIVE": "0"}  # rich draws no bars, which would overlap
         self._process: subprocess.Popen[bytes] | None = None
@@ -94,17 +107,23 @@ class _Worker:
         """What the function returns in the process.
 
         Raises:
-            _DeathError: if the process ends instead.
+            _DeathError: if the process ends instead, or is ended for exceeding a limit.
         """
-        message = pickle.dumps((function, task))
-        requests, replies = self._pipes()
+        process = self._ready()
+        exceeded: list[str] = []
+
+        def end(reason: str) -> None:
+            exceeded.append(reason)
+            process.kill()
+
         try:
-            requests.write(message)
-            requests.flush()
-            result: Result = pickle.load(replies)
-            return result
+            with watched(self._limits, process.pid, end):
+                result = _reply(process, function, task)
         except (EOFError, OSError, pickle.UnpicklingError):
-            raise _DeathError(_how_it_ended(self.close())) from None
+            ended = _how_it_ended(self.close())
+            raise _DeathError(exceeded[0] if exceeded else ended) from None
+        self._replace_if_full(process)
+        return result
 
     def kill(self) -> None:
         """End the process, whatever it does; no other is started."""
@@ -121,22 +140,48 @@ class _Worker:
             pass
         return process.returncode
 
-    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
-        """The input and output of the process, which is started if need be."""
+    def _ready(self) -> subprocess.Popen[bytes]:
+        """The process, which is started if need be; interrupts from the keyboard do not reach it."""
         if self._is_stopped:
-            raise _DeathError("stopped")
+            raise _DeathError("it was stopped")
         if self._process is None:
             command = [sys.executable, "-c", _START.format(path=sys.path)]
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=self._environment, **_APART
             )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        return self._process.stdin, self._process.stdout
+            if self._limits:
+                self._warm_up(self._process)
+        return self._process
+
+    def _warm_up(self, process: subprocess.Popen[bytes]) -> None:
+        """Let the process import what every task needs, which no limit counts, and note the memory that this takes."""
+        try:
+            _reply(process, import_what_is_needed, None)
+        except (EOFError, OSError, pickle.UnpicklingError):
+            raise _DeathError(_how_it_ended(self.close())) from None
+        self._least = memory_of(process.pid)
+
+    def _replace_if_full(self, process: subprocess.Popen[bytes]) -> None:
+        """End a process that has kept half of the memory it may use: it would fail the next task for this one's."""
+        most = self._limits.gibibytes
+        if most is not None and memory_of(process.pid) > (self._least + most) / 2:
+            self.close()
+
+
+def _reply(process: subprocess.Popen[bytes], function: Callable[[Task], Result], task: Task) -> Result:
+    """What the function returns in the process."""
+    requests, replies = process.stdin, process.stdout
+    assert requests is not None
+    assert replies is not None
+    requests.write(pickle.dumps((function, task)))
+    requests.flush()
+    result: Result = pickle.load(replies)
+    return result
 
 
 def _how_it_ended(code: int) -> str:
     if code >= 0:
-        return f"exit code {code}"
+        return f"its process died (exit code {code})"
     name = signal.Signals(-code).name
-    return f"{name}, {signal.strsignal(-code)}" + (": perhaps the memory was used up" if name == "SIGKILL" else "")
+    perhaps = ": perhaps the memory was used up" if name == "SIGKILL" else ""
+    return f"its process died ({name}, {signal.strsignal(-code)}{perhaps})"

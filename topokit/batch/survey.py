@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
-from topokit.batch.examine import Answer, Given, Questions, Row, called, examine, failure
-from topokit.batch.processes import map_in_processes, n_cores
-from topokit.batch.sources import Paths, Source, Sources, find_sources
+from topokit.batch.examine import COLUMNS, Answer, Given, Questions, Row, called
+from topokit.batch.journal import finished_records
+from topokit.batch.limits import NO_LIMITS, Limits
+from topokit.batch.sources import Paths, Sources, find_sources
+from topokit.batch.workers import examine_each
+from topokit.ending import written_whole
 from topokit.errors import InputError
 
 if TYPE_CHECKING:
@@ -33,20 +38,34 @@ class Survey:
         passed_over: names of the files in folders that are of no known format.
     """
 
-    def __init__(self, sources: Sources, questions: Questions, jobs: int) -> None:
+    def __init__(
+        self,
+        sources: Sources,
+        questions: Questions,
+        jobs: int,
+        limits: Limits = NO_LIMITS,
+        client: Any = None,
+        journal: Path | None = None,
+    ) -> None:
         self.files = tuple(source.name for source in sources.sources)
         self.passed_over = sources.passed_over
-        self._sources, self._questions, self._jobs = sources.sources, questions, jobs
-        self._rows: list[list[Row]] = []  # of every file that was examined so far
+        self._sources, self._questions = sources.sources, questions
+        self._workers = jobs, limits, client
+        self._journal = journal
+        self._rows = {} if journal is None else self._finished(journal)  # by the numbers of files
 
     def __iter__(self) -> Iterator[Row]:
-        for rows in self._rows:
-            yield from rows
-        n_known = len(self._rows)
-        with closing(examine_each(self._sources[n_known:], self._questions, self._jobs)) as coming:
-            for number, answers in enumerate(coming, n_known):
-                if number == len(self._rows):  # else another iterator was here before
-                    self._rows.append([answer.row for answer in answers])
+        given: set[int] = set()
+        while known := sorted(self._rows.keys() - given):  # more may become known while these are looked at
+            for number in known:
+                yield from self._rows[number]
+            given.update(known)
+        left = [number for number in range(len(self.files)) if number not in given]
+        with closing(examine_each([self._sources[n] for n in left], self._questions, *self._workers)) as coming:
+            for place, answers in coming:
+                number = left[place]
+                if number not in self._rows:  # else another iterator was here before
+                    self._keep(number, [answer.row for answer in answers])
                 yield from self._rows[number]
 
     def __repr__(self) -> str:
@@ -54,8 +73,9 @@ class Survey:
 
     @property
     def rows(self) -> list[Row]:
-        """All rows."""
-        return list(self)
+        """All rows, in the order of files."""
+        deque(self, maxlen=0)
+        return [row for _, rows in sorted(self._rows.items()) for row in rows]
 
     def save_html(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
         """Write a page with a table of all files and a 3D view of each; files are examined for it, known rows or not.
@@ -70,8 +90,8 @@ class Survey:
         from topokit.pages import write_html
 
         questions = replace(self._questions, with_page=True)
-        with closing(examine_each(self._sources, questions, self._jobs)) as coming:
-            write_html((entry(answer) for answers in coming for answer in answers), path, title=title)
+        with closing(examine_each(self._sources, questions, *self._workers)) as coming:
+            write_html((entry(answer) for _, answers in coming for answer in answers), path, title=title)
 
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
@@ -85,11 +105,32 @@ class Survey:
         """
         return topology_distance(self.rows, other.rows)
 
+    def _finished(self, journal: Path) -> dict[int, list[Row]]:
+        """The rows of the files that are in a journal already."""
+        records: dict[str, list[Row]] = {}
+        for record in finished_records(journal, several=self._questions.labels is not None):
+            if record.keys() != set(COLUMNS):
+                raise InputError(f"{journal} has other columns than a survey; name another file to resume.")
+            records.setdefault(record["file"], []).append(record)
+        return {number: records[name] for number, name in enumerate(self.files) if name in records}
+
+    def _keep(self, number: int, rows: list[Row]) -> None:
+        self._rows[number] = rows
+        if self._journal is not None:
+            from topokit.report.report import plain
+
+            with written_whole(), self._journal.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(plain(row), ensure_ascii=False) + "\n" for row in rows)
+
 
 def survey(
     paths: Paths,
     *,
     jobs: int = 1,
+    time_limit: float | None = None,
+    memory_limit: float | None = None,
+    client: Any = None,
+    resume: str | os.PathLike[str] | None = None,
     adapter: str | None = None,
     labels: Literal["all"] | Sequence[int] | None = None,
     details: bool = False,
@@ -102,6 +143,13 @@ def survey(
             an adapter knows.
         jobs: number of processes; 1 stays in this one, 0 is one for each core. A process that dies, as in a reader
             that crashes, costs one row; adapters must then be installed packages, not registered in a script.
+        time_limit: seconds that a file may take; one that takes longer costs a row with an error. Files are then
+            examined in processes of their own, also if there is only one job.
+        memory_limit: GiB of memory that the process of a file may hold, likewise; Python and torch take 0.3 of it.
+        client: a `dask.distributed.Client`, whose workers examine the files instead. They must see them under the same
+            paths. A worker that dies costs a retry, a file that ends all workers that try it one row.
+        resume: file of JSON lines, to which the rows of each file are added as soon as they are known. Files that are
+            in it already are not examined again: so a survey that was stopped goes on where it was.
         adapter: name of the adapter to use; by content and suffix by default.
         labels: examine each label of labeled volumes as a shape of its own: "all" or a list of them.
         details: as for `Shape.report`.
@@ -111,7 +159,7 @@ def survey(
         A `Survey`: iterate over it, or take its `rows`, its `summary()` or the `distance()` to another one.
 
     Raises:
-        InputError: if `jobs` is negative.
+        InputError: if `jobs` is negative, a limit is not positive, or the file to resume is no survey.
 
     Example:
         >>> import tempfile, topokit as tk
@@ -125,27 +173,14 @@ def survey(
     """
     if jobs < 0:
         raise InputError(f"jobs must be 0 or more, not {jobs}.")
+    for name, limit in (("time_limit", time_limit), ("memory_limit", memory_limit)):
+        if limit is not None and not limit > 0:
+            raise InputError(f"{name} must be positive, not {limit}.")
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
     questions = Questions(Given(adapter, options), labels, details)
-    return Survey(find_sources(paths, adapter), questions, jobs)
-
-
-def examine_each(sources: Sequence[Source], questions: Questions, jobs: int) -> Generator[list[Answer]]:
-    """The answers about each source, in order, as they come.
-
-    Args:
-        sources: files.
-        questions: what to ask.
-        jobs: number of processes; 1 stays in this one, 0 is one for each core.
-    """
-    ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
-    jobs = jobs or n_cores()
-    if jobs == 1 or not sources:
-        yield from map(ask, sources)
-        return
-    with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death)) as coming:
-        yield from coming
+    journal = None if resume is None else Path(resume)
+    return Survey(find_sources(paths, adapter), questions, jobs, Limits(time_limit, memory_limit), client, journal)
 
 
 def entry(answer: Answer) -> Entry:
@@ -153,7 +188,3 @@ def entry(answer: Answer) -> Entry:
     from topokit.pages import Entry
 
     return Entry(called(answer.row), answer.fragment, answer.error, answer.row["seconds"])
-
-
-def _after_death(source: Source, how: str) -> list[Answer]:
-    return [failure(source, f"{source.name}: the process that examined it died ({how}).", None)]

@@ -5,20 +5,23 @@ from __future__ import annotations
 import sys
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager, nullcontext
+from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TextIO
+from typing import Any, Literal, TextIO
 
 import typer
 
 from topokit.batch.examine import Answer, Questions
+from topokit.batch.journal import finished_records
 from topokit.batch.sources import Sources
-from topokit.batch.survey import entry, examine_each
+from topokit.batch.survey import entry
+from topokit.batch.workers import examine_each
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, sources_of
 from topokit.cli.writers import Writer
+from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
 from topokit.report.wording import plural
 
@@ -36,6 +39,7 @@ def answer_files(
     locate: bool = False,
     with_report: bool = True,
     output: Path | None = None,
+    resume: bool = False,
     html: Path | None = None,
     check: Callable[[Answer], Answer] = lambda answer: answer,
 ) -> None:
@@ -50,15 +54,18 @@ def answer_files(
         locate: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
+        resume: whether to add to that file, of JSON lines, those files that are not in it.
         html: page to write besides.
         check: may turn an answer into a failure.
     """
     questions = Questions(opener, request.labels, details, locate, with_report, with_page=html is not None)
-    has_failed = False
+    has_failed = had_failed = False
 
-    def shown(coming: Iterable[list[Answer]], writer: Writer, bar: Bar, is_terminal: bool) -> Iterator[Answer]:
+    def shown(
+        coming: Iterable[tuple[int, list[Answer]]], writer: Writer, bar: Bar, is_terminal: bool
+    ) -> Iterator[Answer]:
         nonlocal has_failed
-        for answers in coming:
+        for _, answers in coming:
             for answer in map(_in_terms_of_the_shell, map(check, answers)):
                 _show(answer, writer, bar if is_terminal or answer.error else None, request.verbose)
                 has_failed = has_failed or answer.error is not None or _meets(answer, request)
@@ -67,15 +74,18 @@ def answer_files(
             if has_failed and not request.keep_going:
                 return
 
-    with sources_of(files, request.format, opener.adapter) as found, _stream(output, found) as stream:
+    with sources_of(files, request.format, opener.adapter) as found, _cluster(request) as client:
         _say_what_was_passed_over(found, request.verbose)
+        if resume and output is not None:
+            found, had_failed = _unfinished(found, output, request)
         with (
+            _stream(output, found, "a" if resume else "w") as stream,
             progress_bar(_names_for_bar(found, opener)) as bar,
-            closing(make_writer(stream, found)) as writer,
-            closing(examine_each(found.sources, questions, request.jobs)) as coming,
+            _finished(make_writer(stream, found)) as writer,
+            closing(examine_each(found.sources, questions, request.jobs, request.limits, client)) as coming,
         ):
             _write_page(shown(coming, writer, bar, stream.isatty()), html)
-    raise typer.Exit(int(has_failed))
+    raise typer.Exit(int(has_failed or had_failed))
 
 
 def _meets(answer: Answer, request: Request) -> bool:
@@ -95,13 +105,20 @@ def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
         raise typer.BadParameter(f"--html: {error}") from error
 
 
+@contextmanager
+def _finished(writer: Writer) -> Iterator[Writer]:
+    """A writer that is closed at the end, also if a signal ends the process."""
+    with finally_do(writer.close):
+        yield writer
+
+
 def say(message: str) -> None:
     """A line on standard error."""
     typer.echo(f"topokit: {message}", err=True)
 
 
 def _show(answer: Answer, writer: Writer, bar: Bar | None, verbose: bool) -> None:
-    with nullcontext() if bar is None else bar.hidden():
+    with written_whole(), nullcontext() if bar is None else bar.hidden():
         writer.write(answer)
         if answer.error is not None:
             say(answer.error)
@@ -134,7 +151,38 @@ def _say_what_was_passed_over(found: Sources, verbose: bool) -> None:
 
 
 @contextmanager
-def _stream(output: Path | None, found: Sources) -> Iterator[TextIO]:
+def _cluster(request: Request) -> Iterator[Any]:
+    """A client of the cluster that is asked for, or None."""
+    if request.cluster is None:
+        yield None
+        return
+    from topokit.batch.cluster import connected
+
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(connected(request.cluster, request.jobs))
+        except TopokitError as error:
+            raise typer.BadParameter(f"--cluster: {error}") from error
+        if request.verbose:
+            say(f"dashboard of the cluster: {client.dashboard_link}")
+        yield client
+
+
+def _unfinished(found: Sources, output: Path, request: Request) -> tuple[Sources, bool]:
+    """The sources that are not in the output yet, and whether one that is there failed."""
+    try:
+        records = finished_records(output, several=request.labels is not None)
+    except InputError as error:
+        raise typer.BadParameter(f"--resume: {error}") from error
+    done = {record["file"] for record in records}
+    left = tuple(source for source in found.sources if source.name not in done)
+    n_done = len(found.sources) - len(left)
+    say(f"{plural(n_done, 'file')} of {len(found.sources)} {'was' if n_done == 1 else 'were'} examined before.")
+    return replace(found, sources=left), any(record.get("error") for record in records)
+
+
+@contextmanager
+def _stream(output: Path | None, found: Sources, mode: Literal["a", "w"]) -> Iterator[TextIO]:
     """Standard output, or the file to write, which must not be one of those to read."""
     if output is None:
         yield sys.stdout
@@ -142,7 +190,7 @@ def _stream(output: Path | None, found: Sources) -> Iterator[TextIO]:
     if output.exists() and any(source.path.exists() and output.samefile(source.path) for source in found.sources):
         raise typer.BadParameter(f"-o {output} is a file to read; name another one to write.")
     try:
-        file = output.open("w", encoding="utf-8", newline="")
+        file = output.open(mode, encoding="utf-8", newline="")
     except OSError as error:
         raise typer.BadParameter(f"-o {output} cannot be written ({error.strerror}).") from error
     with file:

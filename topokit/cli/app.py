@@ -1,7 +1,7 @@
 """The command line: results on stdout, everything else on stderr.
 
 Exit codes: 0 if all files answered; 1 if some file failed, or a condition of --fail-on was met; 2 for wrong usage; 130
-after an interrupt.
+after an interrupt, 143 after SIGTERM.
 """
 
 from __future__ import annotations
@@ -85,11 +85,18 @@ def report(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
     ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with the file of -o, written with --jsonl by a run that was stopped."),
+    ] = False,
     html: Annotated[
         Path | None, typer.Option("--html", help="Also write one HTML file with a 3D view of every shape.")
     ] = None,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
+
+    if resume and (output is None or form != "jsonl" or html is not None or request.conditions):
+        raise typer.BadParameter("--resume goes with -o and --jsonl, and without --html and --fail-on.")
 
     def record(answer: Answer) -> dict[str, Any]:
         return _named(answer) | (answer.report.to_dict() if answer.report else {"error": answer.error})
@@ -117,6 +124,7 @@ def report(
         locate=locate or html is not None,
         with_report=needs_report,
         output=output,
+        resume=resume,
         html=html,
     )
 

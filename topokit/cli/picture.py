@@ -10,6 +10,7 @@ import typer
 from topokit.cli.options import Opener, opens_files
 from topokit.cli.request import Format
 from topokit.cli.single import convert
+from topokit.inputs.writing import completed_file
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -32,7 +33,9 @@ def picture(
     """Draw a file, colored by Gaussian curvature; no display is needed."""
 
     def write(shape: Shape) -> str:
-        shape.picture(side, eye=eye, locate=locate).save(output)
+        drawn = shape.picture(side, eye=eye, locate=locate)
+        with completed_file(output) as unfinished:
+            drawn.save(unfinished)
         return f"{side} x {side} pixels"
 
     if output.suffix.lower() not in _SUFFIXES:

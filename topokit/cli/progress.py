@@ -1,12 +1,17 @@
-"""Progress on a terminal: what is examined, how many are done, the time taken and left; elsewhere nothing."""
+"""Progress on a terminal: what is examined, how much of it is done, the time taken and left; elsewhere nothing."""
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING
+
+from topokit.core.stages import listening
+from topokit.ending import finally_do
+from topokit.report.progress import time_left
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -22,8 +27,9 @@ class Bar:
         """Args: names of all files in order; the bar to draw on."""
         self._names, self._bar = names, bar
         self._n_done = 0
+        self._started = time.perf_counter()
         if bar is not None:
-            bar.add_task("", total=len(names) if len(names) > 1 else None)
+            bar.add_task("", total=len(names) if len(names) > 1 else None, left="")
             self._show_state()
             bar.start()
 
@@ -31,6 +37,13 @@ class Bar:
         """One more file is done."""
         self._n_done += 1
         self._show_state()
+
+    def show_stage(self, stage: str, share: float) -> None:
+        """Of a single file a stage begins, when a share of the work is done."""
+        if self._bar is not None:
+            left = time_left(time.perf_counter() - self._started, share)
+            description = f"{self._shown_name()}: {stage}"
+            self._bar.update(self._bar.task_ids[0], description=description, total=1.0, completed=share, left=left)
 
     @contextmanager
     def hidden(self) -> Iterator[None]:
@@ -46,10 +59,13 @@ class Bar:
 
     def _show_state(self) -> None:
         if self._bar is not None:
-            name = self._names[min(self._n_done, len(self._names) - 1)]
-            width = self._bar.console.width // _NAME_SHARE
-            shown = name if len(name) <= width else "…" + name[1 - width :]
-            self._bar.update(self._bar.task_ids[0], completed=self._n_done, description=shown)
+            self._bar.update(self._bar.task_ids[0], completed=self._n_done, description=self._shown_name())
+
+    def _shown_name(self) -> str:
+        assert self._bar is not None
+        name = self._names[min(self._n_done, len(self._names) - 1)]
+        width = self._bar.console.width // _NAME_SHARE
+        return name if len(name) <= width else "…" + name[1 - width :]
 
 
 @contextmanager
@@ -74,16 +90,16 @@ def progress_bar(names: Sequence[str]) -> Iterator[Bar]:
 
     console = Console(stderr=True)
     columns = [TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()]
-    if len(names) > 1:
-        columns += [MofNCompleteColumn(), TimeRemainingColumn()]
+    columns += [MofNCompleteColumn(), TimeRemainingColumn()] if len(names) > 1 else [TextColumn("{task.fields[left]}")]
     bar = Progress(*columns, console=console, transient=True, redirect_stdout=False)
     before = os.environ.get(_NO_OTHER_BARS)
     if console.is_interactive:
         os.environ[_NO_OTHER_BARS] = "0"
     try:
-        yield Bar(names, bar if console.is_interactive else None)
+        shown = Bar(names, bar if console.is_interactive else None)
+        with finally_do(bar.stop), listening(shown.show_stage) if len(names) == 1 else nullcontext():
+            yield shown
     finally:
-        bar.stop()
         if before is None:
             os.environ.pop(_NO_OTHER_BARS, None)
         else:

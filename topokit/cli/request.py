@@ -13,9 +13,11 @@ from typing import Annotated, Literal
 
 import typer
 
+from topokit.batch.limits import Limits
 from topokit.batch.sources import Source, Sources, find_sources
 from topokit.cli.bundle import bundled
 from topokit.cli.conditions import EXPECTED, Condition, parse_conditions
+from topokit.ending import finally_do
 
 STDIN = "-"
 
@@ -28,6 +30,8 @@ class Request:
         format: of standard input, as the suffix of a file.
         labels: as for `topokit.survey`.
         jobs: number of processes.
+        cluster: address of the scheduler whose workers examine the files, or "local"; or None.
+        limits: on each file.
         conditions: what makes the exit code 1.
         keep_going: whether to go on after a failure.
         verbose: whether to say more on standard error.
@@ -36,6 +40,8 @@ class Request:
     format: str | None
     labels: Literal["all"] | tuple[int, ...] | None
     jobs: int
+    cluster: str | None
+    limits: Limits
     conditions: Sequence[Condition]
     keep_going: bool
     verbose: bool
@@ -44,6 +50,15 @@ class Request:
 Format = Annotated[
     str | None, typer.Option("--format", metavar="SUFFIX", help="Format of standard input (FILE is -), such as stl.")
 ]
+LIMITS = {
+    "time_limit": Annotated[
+        float | None, typer.Option("--time-limit", metavar="SECONDS", min=0.1, help="The most that a file may take.")
+    ],
+    "memory_limit": Annotated[
+        float | None,
+        typer.Option("--memory-limit", metavar="GIB", min=0.1, help="The most memory that a file may take."),
+    ],
+}
 _SUFFIX = re.compile(r"\.?[A-Za-z0-9.]+")
 _OPTIONS = {
     "format": Format,
@@ -53,6 +68,11 @@ _OPTIONS = {
     "jobs": Annotated[
         int | None, typer.Option("-j", "--jobs", min=0, help="Processes; 0 is one for each core.", show_default="1")
     ],
+    "cluster": Annotated[
+        str | None,
+        typer.Option("--cluster", metavar="ADDRESS|local", help="Dask scheduler whose workers examine the files."),
+    ],
+    **LIMITS,
     "fail_on": Annotated[
         list[str] | None,
         typer.Option("--fail-on", metavar="CONDITION", help=f"Exit with 1 if a shape is {EXPECTED}. May be repeated."),
@@ -69,6 +89,9 @@ def _request(
     format: str | None,
     labels: str | None,
     jobs: int | None,
+    cluster: str | None,
+    time_limit: float | None,
+    memory_limit: float | None,
     fail_on: list[str] | None,
     keep_going: bool | None,
     verbose: bool | None,
@@ -78,7 +101,13 @@ def _request(
     except ValueError as error:
         raise typer.BadParameter(f"--fail-on: {error}") from error
     is_going = keep_going is None or keep_going
-    return Request(format, _labels(labels), 1 if jobs is None else jobs, conditions, is_going, bool(verbose))
+    limits = Limits(time_limit, memory_limit)
+    if cluster is not None and limits:
+        raise typer.BadParameter(
+            "--time-limit and --memory-limit are for processes of this machine, not for --cluster."
+        )
+    n_jobs = int(cluster is None) if jobs is None else jobs
+    return Request(format, _labels(labels), n_jobs, cluster, limits, conditions, is_going, bool(verbose))
 
 
 def _labels(text: str | None) -> Literal["all"] | tuple[int, ...] | None:
@@ -108,8 +137,9 @@ def sources_of(paths: Sequence[Path], format: str | None, adapter: str | None) -
         return
     place = texts.index(STDIN)
     before, after = find_sources(texts[:place], adapter), find_sources(texts[place + 1 :], adapter)
-    with tempfile.TemporaryDirectory(prefix="topokit-") as folder:
-        path = Path(folder) / ("stdin" if format is None else f"stdin.{format.lower().lstrip('.')}")
+    folder = tempfile.TemporaryDirectory(prefix="topokit-", ignore_cleanup_errors=True)
+    with finally_do(folder.cleanup):
+        path = Path(folder.name) / ("stdin" if format is None else f"stdin.{format.lower().lstrip('.')}")
         path.write_bytes(sys.stdin.buffer.read())
         sources = (*before.sources, Source(path, STDIN), *after.sources)
         yield Sources(sources, before.passed_over + after.passed_over)

@@ -47,6 +47,8 @@ def is_writable(parameter: inspect.Parameter) -> bool:
 
 def _take(kind: Any, words: list[str]) -> Any:
     """A value of this type from the first words, which are removed."""
+    if _is_list(kind):
+        return tuple(_take(get_args(kind)[0], words) for _ in range(len(words)))
     if get_origin(kind) is tuple:
         return tuple(_take(one, words) for one in get_args(kind))
     word = words.pop(0).strip()
@@ -69,11 +71,18 @@ def _kinds(parameter: inspect.Parameter) -> tuple[Any, ...]:
 
 def _is_plain(kind: Any) -> bool:
     if get_origin(kind) is tuple:
-        return all(map(_is_plain, get_args(kind)))
+        return all(_is_plain(one) for one in get_args(kind) if one is not Ellipsis)
     return kind in (int, float, bool, str, NoneType) or get_origin(kind) is Literal
 
 
+def _is_list(kind: Any) -> bool:
+    """Whether this is a tuple of any length."""
+    return get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
+
+
 def _expected(kind: Any) -> str:
+    if _is_list(kind):
+        return "several values with commas between them"
     if get_origin(kind) is tuple:
         return f"{_size(kind)} values with commas between them"
     if get_origin(kind) is Literal:

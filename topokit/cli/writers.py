@@ -75,6 +75,7 @@ class JsonWriter:
     def close(self) -> None:
         """See `Writer`."""
         self._stream.write("\n]\n")
+        self._stream.flush()
 
 
 class JsonLinesWriter:

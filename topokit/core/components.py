@@ -27,6 +27,8 @@ class SurfaceComponent:
     Attributes:
         euler: its Euler characteristic, or None if there is only an estimate.
         estimate: its Gauss–Bonnet estimate, or None where it was not computed.
+        volume: in a volume, that of the voxels next to it on its inner side which are joined to each other: of a
+            component without its cavities, or of a cavity without what floats in it. Else None.
         genus: its handles, (2 − b − χ)/2, or None if it is not an orientable manifold or χ is not known.
         boundary_loops: its closed boundary curves b, or None if they were not counted.
         bounds: lowest and highest corner of its bounding box.
@@ -43,6 +45,7 @@ class SurfaceComponent:
     inside: int | None = None
     depth: int | None = None
     estimate: float | None = None
+    volume: float | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +63,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
         area_shares: (C,) shares of the surface's area.
         inside: (C,) index of the innermost closed component around each, −1 for none.
         depths: (C,) number of closed components around each.
+        volumes: (C,) see `SurfaceComponent.volume`, or None.
     """
 
     euler: Integers
@@ -70,6 +74,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
     area_shares: Floats
     inside: Integers
     depths: Integers
+    volumes: Floats | None = None
 
     @classmethod
     def none(cls) -> CountedComponents:
@@ -117,6 +122,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
             area_share=float(self.area_shares[index]),
             inside=inside if inside >= 0 else None,
             depth=int(self.depths[index]),
+            volume=None if self.volumes is None else float(self.volumes[index]),
         )
 
     def __eq__(self, other: object) -> bool:

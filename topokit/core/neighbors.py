@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.device_neighbors import device_neighbors
+from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.labels import connected_labels
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import enough_neighbors
@@ -100,7 +101,7 @@ def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
     tree = cKDTree(coordinates[rows], balanced_tree=False, compact_nodes=False)
     is_whole = len(rows) == len(coordinates)
     order = tree.indices if is_whole else np.arange(len(coordinates))  # in tree order 100 000 queries are twice as fast
-    _, in_order = tree.query(coordinates[order], n_neighbors + 1, workers=-1)
+    in_order = nearest_in_tree(tree, coordinates[order], n_neighbors + 1)
     if in_order.max() == len(rows):  # what SciPy returns for a neighbor at infinite distance
         raise InputError("the coordinates are too large for distances between points: scale them down.")
     found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)

@@ -14,6 +14,7 @@ from topokit.export.colors import Floats
 from topokit.export.picture import MARK_COLORS
 from topokit.export.scene import MarkKind
 from topokit.inputs.ply import write_ply
+from topokit.inputs.writing import completed_file
 
 Curve = tuple[MarkKind, str, Floats, bool | None]
 """What it marks, its name, its points, and whether it is closed; None for points that are not joined."""
@@ -57,7 +58,8 @@ def save_loops(location: Located, path: str | os.PathLike[str]) -> int:
         curves += [("defect", defect.kind, defect.points, None) for defect in location.defects]
     if not curves:
         raise InputError(f"there is no curve to write to {target}: nothing was located.")
-    (_write_ply if target.suffix.lower() == ".ply" else _write_gltf)(target, curves)
+    with completed_file(target) as unfinished:
+        (_write_ply if target.suffix.lower() == ".ply" else _write_gltf)(unfinished, curves)
     return len(curves)
 
 

@@ -13,13 +13,22 @@ HEAD = 1 << 16  # bytes that tell one format from another
 ZIP, GZIP = b"PK\x03\x04", b"\x1f\x8b"
 
 
+def user_path(source: str | os.PathLike[str]) -> Path:
+    """The path, with ~ as the home directory; a path that cannot have one stays as it is."""
+    path = Path(source)
+    try:
+        return path.expanduser()
+    except RuntimeError:  # no home directory, or no user of that name
+        return path
+
+
 def existing_file(source: str | os.PathLike[str]) -> Path:
     """The path, if it names a readable file with content.
 
     Raises:
         ReadError: if it is missing, a directory, empty or not readable.
     """
-    path = Path(source)
+    path = user_path(source)
     if path.is_dir():
         raise ReadError(f"{path} is a directory; give the files in it one by one.")
     if not path.exists():
@@ -34,20 +43,15 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
 
 
 def head(path: Path, size: int = HEAD) -> bytes:
-    """The first bytes of a file; none of a directory."""
+    """The first bytes of a file, or of what a gzip file holds; of a broken gzip file its own; none of a directory."""
     if path.is_dir():
         return b""
     with path.open("rb") as file:
-        return file.read(size)
-
-
-def unpacked_head(path: Path, size: int = HEAD) -> bytes:
-    """The first bytes of a file, or of what a gzip file holds; of a broken gzip file its own."""
-    beginning = head(path, size)
-    if beginning.startswith(GZIP):
-        try:
-            with gzip.open(path) as file:
-                return file.read(size)
-        except (OSError, EOFError, zlib.error):
-            return beginning
-    return beginning
+        beginning = file.read(size)
+    if not beginning.startswith(GZIP):
+        return beginning
+    try:
+        with gzip.open(path) as packed:
+            return packed.read(size)
+    except (OSError, EOFError, zlib.error):
+        return beginning

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tokenize
 import zipfile
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Literal
 from topokit.errors import ReadError
 from topokit.inputs.files import ZIP
 from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.unpacking import unpacked
 
 NUMPY = b"\x93NUMPY"
 
@@ -23,7 +25,8 @@ def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | No
     if not beginning.startswith(NUMPY) and not (beginning.startswith(ZIP) and b".npy" in beginning):
         return None
     try:
-        shapes = array_shapes(path)
+        with unpacked(path) as plain:
+            shapes = array_shapes(plain)
     except ReadError:
         return "points"
     return "volume" if "points" not in shapes and any(len(shape) == 3 for shape in shapes.values()) else "points"
@@ -55,7 +58,13 @@ def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
     """The shape in the header of an array, which must fit into `size` bytes."""
     from numpy.lib import format as npy
 
-    read = npy.read_array_header_1_0 if npy.read_magic(file) == (1, 0) else npy.read_array_header_2_0
-    shape, _, dtype = read(file)
+    if npy.read_magic(file) == (1, 0):
+        read = npy.read_array_header_1_0
+    else:
+        length, read = file.read(4), npy.read_array_header_2_0
+        require_bytes(path, "its own header", int.from_bytes(length, "little"), size)
+        file.seek(-len(length), os.SEEK_CUR)
+    with reading(path, "NumPy", TypeError):  # of keys that cannot be sorted
+        shape, _, dtype = read(file)
     require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
     return tuple(shape)

@@ -6,9 +6,10 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -17,33 +18,52 @@ from numpy.typing import NDArray
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes
+from topokit.inputs.writing import completed_file
 
 _LONGEST_HEADER = 1 << 18  # bytes; a 3DGS header has about 1 500
 _HALF = re.compile(rb"^property[ \t]+(?:half|float16)[ \t]+", re.MULTILINE)
 _HALF_MARK = "half:"
 
 
-def ply_elements(path: Path) -> dict[str, NDArray[np.void]]:
+def ply_elements(
+    path: Path, list_lengths: Mapping[str, Mapping[str, int]] = MappingProxyType({})
+) -> dict[str, NDArray[np.void]]:
     """The elements of a .ply file by name, as structured arrays in the byte order of the file.
 
     Binary elements without lists are memory-mapped. Half floats are read too, although neither the format nor plyfile
     knows them: some splat trainers write them.
 
+    Args:
+        path: an existing file.
+        list_lengths: by element and name of a list its probable length: where all rows have it, the element is
+            memory-mapped, too, and the list is an array; else it is an array of arrays.
+
     Raises:
         ReadError: if the file is malformed, or shorter than its header announces.
     """
-    from plyfile import PlyData, PlyParseError
+    from plyfile import PlyParseError
 
-    with reading(path, "plyfile", PlyParseError), _readable(path, _checked_header(path)) as file:
-        elements = PlyData.read(file, mmap="r").elements
+    with reading(path, "plyfile", PlyParseError), _readable(path, check_header(path)) as file:
+        elements = _elements(file, list_lengths)
     return {element.name: _with_halves(element.data) for element in elements}
+
+
+def _elements(file: BinaryIO, list_lengths: Mapping[str, Mapping[str, int]]) -> Any:
+    from plyfile import PlyData, PlyElementParseError
+
+    if list_lengths:
+        try:
+            return PlyData.read(file, mmap="r", known_list_len=list_lengths).elements
+        except PlyElementParseError:  # some rows have another length, which is found row by row
+            file.seek(0)
+    return PlyData.read(file, mmap="r").elements
 
 
 def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:
     """Write structured arrays as a binary little-endian .ply file; a field with a shape becomes a list.
 
     Raises:
-        InputError: if the file is not called .ply, or its folder does not exist.
+        InputError: if the file is not called .ply, its folder does not exist, or it cannot be written.
     """
     from plyfile import PlyData, PlyElement
 
@@ -53,19 +73,33 @@ def write_ply(path: str | os.PathLike[str], **elements: NDArray[Any]) -> None:
     if not target.parent.is_dir():
         raise InputError(f"the folder of {target} does not exist: create it first.")
     described = [PlyElement.describe(table, name) for name, table in elements.items()]
-    PlyData(described, byte_order="<").write(str(target))
+    with completed_file(target) as unfinished:
+        PlyData(described, byte_order="<").write(str(unfinished))
 
 
-def _checked_header(path: Path) -> bytes:
-    """The header with the line that ends it; no element in it can have more rows than the file has bytes."""
+def check_header(path: Path) -> bytes:
+    """The header of a .ply file with the line that ends it.
+
+    Raises:
+        ReadError: if it is incomplete, or an element in it has more rows than the file has bytes, or a file of text
+            has fewer lines than rows.
+    """
     found = re.match(rb"ply\s.*?^end_header(?:\r\n|\r|\n)", head(path, _LONGEST_HEADER), re.DOTALL | re.MULTILINE)
     if found is None:
         raise ReadError(f"{path} has no complete .ply header: it is truncated or not a .ply file.")
-    header = found.group()
+    header, n_rows = found.group(), 0
     for name, count in re.findall(rb"^element\s+(\S+)\s+(\d+)", header, re.MULTILINE):
         what = f"{int(count)} rows of element {name.decode('latin-1')!r}"
         require_bytes(path, what, int(count), path.stat().st_size - len(header))
+        n_rows += int(count)
+    if b"format ascii" in header and (n_lines := _count_lines(path) - len(header.splitlines())) < n_rows:
+        raise ReadError(f"{path} announces {n_rows} rows and has {n_lines} lines for them: it is truncated.")
     return header
+
+
+def _count_lines(path: Path) -> int:
+    with path.open("rb") as file:
+        return sum(1 for _ in file)
 
 
 @contextmanager

@@ -73,13 +73,13 @@ def require_bytes(path: Path | str, what: str, needed: int, available: int) -> N
         )
 
 
-def require_expansion(path: Path | str, needed: int, file_size: int) -> None:
+def require_expansion(path: Path | str, needed: int, file_size: int, free: int = _FREE) -> None:
     """Refuse a small compressed file that expands to an absurd amount of memory.
 
     Raises:
-        ReadError: if `needed` bytes are more than 256 MiB and more than 200 times the file's size.
+        ReadError: if `needed` bytes are more than `free` (256 MiB) and more than 200 times the file's size.
     """
-    if needed > max(_FREE, _MOST_EXPANSION * file_size):
+    if needed > max(free, _MOST_EXPANSION * file_size):
         raise ReadError(
             f"{path} has {file_size} bytes and announces content of {needed} bytes, more than {_MOST_EXPANSION} times "
             "its size: its header is wrong or it is a decompression bomb. Export or download it again."

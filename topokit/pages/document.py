@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
-import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -13,6 +12,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from topokit.errors import InputError
+from topokit.inputs.writing import completed_file
 from topokit.pages.details import environment
 from topokit.pages.fragment import Fragment
 from topokit.report.html import report_styles
@@ -69,15 +69,8 @@ def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title:
         raise InputError(f"{target}: a page must be called .html or .htm.")
     if not target.parent.is_dir():
         raise InputError(f"{target}: the folder {target.parent} does not exist.")
-    handle, unfinished = tempfile.mkstemp(dir=target.parent, prefix=f".{target.stem}-", suffix=".part")
-    try:
-        with open(handle, "w", encoding="utf-8", newline="\n") as page:
-            page.writelines(_page(iter(entries), title or target.stem))
-        os.chmod(unfinished, 0o666 & ~_umask())
-        os.replace(unfinished, target)
-    except BaseException:
-        Path(unfinished).unlink(missing_ok=True)
-        raise
+    with completed_file(target) as unfinished, unfinished.open("w", encoding="utf-8", newline="\n") as page:
+        page.writelines(_page(iter(entries), title or target.stem))
 
 
 def page_text(entry: Entry, title: str | None = None) -> str:
@@ -119,9 +112,3 @@ def _base64(data: bytes) -> str:
 @cache
 def _static(name: str) -> str:
     return files("topokit.pages").joinpath("static", name).read_text(encoding="utf-8")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
-from topokit.inputs.files import GZIP, ZIP, existing_file, head
+from topokit.inputs.files import ZIP, existing_file, head
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
 
-_PACKED = {ZIP: "It is a zip archive: unpack it first. ", GZIP: "It is compressed with gzip: unpack it first. "}
+_PACKED = "It is a zip archive: unpack it first. "
 _HOW = "For a format of your own write an adapter: help(topokit.Adapter) shows how."
 
 
@@ -80,9 +80,10 @@ def _recognizes(adapter: Adapter, path: Path) -> bool:
 
 
 def _suffix_length(adapter: Adapter, path: Path) -> int:
-    """Length of the adapter's longest suffix that the file's name ends with."""
+    """Length of the adapter's longest suffix that the file's name ends with, also before .gz."""
     name = path.name.lower()
-    return max((len(suffix) for suffix in adapter.suffixes if name.endswith(suffix)), default=0)
+    endings = (name, name.removesuffix(".gz"))
+    return max((len(suffix) for suffix in adapter.suffixes if any(one.endswith(suffix) for one in endings)), default=0)
 
 
 def _is_instance(source: object, names: Sequence[str]) -> bool:
@@ -99,7 +100,7 @@ def _name(source: object) -> str:
 def _unknown_file(adapters: Sequence[Adapter], path: Path) -> UnknownFormatError:
     if path.is_dir():
         existing_file(path)  # its error says what to do with a folder
-    packed = next((hint for magic, hint in _PACKED.items() if head(path).startswith(magic)), "")
+    packed = _PACKED if head(path).startswith(ZIP) else ""
     known = sorted({suffix for adapter in adapters for suffix in adapter.suffixes})
     names = ", ".join(repr(one.name) for one in adapters if one.suffixes or not one.types)  # not objects alone
     return UnknownFormatError(

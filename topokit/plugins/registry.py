@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import os
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError
-from topokit.inputs.files import existing_file
+from topokit.inputs.files import existing_file, user_path
+from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.choice import choose, knows
 from topokit.plugins.foreign_code import check_adapter, entry_points, import_adapter, open_with, warn_once, warned_about
@@ -109,17 +111,19 @@ def refresh_adapters() -> None:
     warned_about.clear()
 
 
-def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
+def load(source: Any, *, adapter: str | None = None, format: str | None = None, **options: Any) -> Shape:
     """Open a file, a folder or an object with the adapter that fits its content or suffix.
 
     Adapters that recognize the content come first, else those with the file's suffix; of these the one with the longest
     matching suffix, then the highest priority. Objects are opened by the adapter that names their class.
 
     Args:
-        source: path of a file, or of a folder such as an unzipped .sog; or an object of one of the types that
-            `list_adapters` names, such as a `trimesh.Trimesh`.
+        source: path of a file, which may be compressed with gzip, or of a folder such as an unzipped .sog; bytes or a
+            file object; or an object of one of the types that `list_adapters` names, such as a `trimesh.Trimesh`.
         adapter: name of the adapter to use ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that
             of a plug-in) instead.
+        format: what to take a file, bytes or a file object for if the content does not tell: the suffix of a file, as
+            "stl" or "xyz". Bytes have none of their own; file objects have that of their name, if they have a name.
         options: passed to the adapter (`n_samples`, `n_neighbors`, `generator`, ...); see the docstring of
             `topokit.from_mesh` and its siblings.
 
@@ -134,13 +138,33 @@ def load(source: Any, *, adapter: str | None = None, **options: Any) -> Shape:
             this type are not opened.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
+    if is_content(source):
+        with kept_in_file(source, format) as path:
+            return load(path, adapter=adapter, **options)
+    source = _as_path(source)
+    if format is not None:
+        if not isinstance(source, Path) or source.is_dir():
+            raise InputError(f"format={format!r} is that of a file, of bytes or of a file object; got {source!r}.")
+        with source.open("rb") as file:
+            return load(file, adapter=adapter, format=format, **options)
+    chosen = adapter_for(source, adapter)
+    if not isinstance(source, Path):
+        return open_with(chosen, source, options)
+    return _load_file(chosen, source, options)
+
+
+def _load_file(adapter: Adapter, path: Path, options: Mapping[str, Any]) -> Shape:
+    """The shape of a file or folder; gzip files are unpacked first, unless their suffix is one of the adapter's."""
     from topokit.shape_data import UNNAMED
 
-    source = _as_path(source)
-    shape = open_with(adapter_for(source, adapter), source, options)
+    if path.name.lower().endswith(adapter.suffixes):
+        shape = open_with(adapter, path, options)
+    else:
+        with unpacked(path) as plain:
+            shape = open_with(adapter, plain, options)
+            shape = shape.replace(name=path.name) if shape.name == plain.name else shape
     # A plug-in may return what a built-in adapter made of an object, which is then called "mesh", "sdf", ...
-    is_named = shape.name not in {UNNAMED, *BUILT_IN}
-    return shape if is_named or not isinstance(source, Path) else shape.replace(name=source.name)
+    return shape if shape.name not in {UNNAMED, *BUILT_IN} else shape.replace(name=path.name)
 
 
 def adapter_for(source: Any, name: str | None = None) -> Adapter:
@@ -222,5 +246,5 @@ def _as_path(source: Any) -> Any:
     """Files as paths that exist, folders as paths, objects as they are."""
     if not isinstance(source, str | os.PathLike):
         return source
-    path = Path(source)
+    path = user_path(source)
     return path if path.is_dir() else existing_file(path)

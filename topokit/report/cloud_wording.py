@@ -89,6 +89,11 @@ _SENTENCES = {
         "Neighborhoods of 100 points are not one-dimensional (ratio of variances {value:.2f}): wires run close to each "
         "other.",
     ),
+    "noise": (
+        "",
+        "The noise is far larger than the distances between the points: {value:.0f} samples, averaged over wide "
+        "neighborhoods, were used, and details are lost with the noise.",
+    ),
     "second look": (
         "",
         "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "
@@ -117,7 +122,9 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
             f"The noise is larger than the distances between the {n_points} points: {n_used} evenly spread samples, "
             "averaged over their neighbors, were used."
         )
-    elif witness.is_downsampled:
+    elif witness.preparation == "wire":
+        sentences.append(f"{n_used} evenly spread samples of the {n_points} points were used.")
+    elif witness.preparation == "sampled":
         sentences.append(
             f"Normals come from all {n_points} points, the integer from {n_used} samples of them, taken densely where "
             "features are small."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
 
@@ -20,6 +21,7 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.report.progress import stage_bar
 from topokit.report.verdict import is_open_sheet
 
 
@@ -96,15 +98,29 @@ class Examination:
         """χ⁽⁰⁾, with the turning of the boundary."""
         return float(euler_characteristic(self.curvature.gaussian, self.curvature.area)) + self.boundary.euler
 
+    def _measure_part(self) -> BoundaryEstimate:
+        """The boundary of the part; its curvature, which every report needs, is measured with it."""
+        part = self.part
+        _ = part.estimate
+        return part.boundary
+
     @cached_property
     def _witness_or_refusal(self) -> Witness | InputError:
         samples = self.samples if self._near is None else self.samples.at(self._near)
-        try:
-            may_smooth = not self.part.boundary.curves
-            normals = samples.known_normals()
-            found = global_witness(samples.points, normals, oriented=samples.oriented, may_smooth=may_smooth)
-        except InputError as refusal:
-            return refusal
+        with (
+            stage_bar(samples.n_points),
+            ThreadPoolExecutor(1) as thread,
+        ):  # beside the witness, which uses one processor most of the time
+            measured = thread.submit(self._measure_part)
+            try:
+                found = global_witness(
+                    samples.points,
+                    samples.known_normals(),
+                    oriented=samples.oriented,
+                    may_smooth=lambda: not measured.result().curves,
+                )
+            except InputError as refusal:
+                return refusal
         return found if self._near is None else _for_all_points(found, self._near, self.samples.points)
 
     @property

@@ -181,6 +181,8 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False, decides=True))
     elif witness.signs.confirmed is not None:
         checks.append(replace(_at_least("confirmed", witness.signs.confirmed), decides=True))
+    if witness.preparation == "thinned":  # the calibration has no such noise
+        checks.append(Check("noise", float(witness.n_used), False, decides=True))
     if witness.smoothed is not None:
         checks.append(Check("second look", witness.smoothed.agreement, False, decides=True))
     return tuple(checks)

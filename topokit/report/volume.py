@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from torch import Tensor
-
-from topokit.core.components import CountedComponents
+from topokit.core.grid.components import CountedVolume
 from topokit.core.grid.euler import dual_connectivity
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import volume_verdict
@@ -12,32 +10,28 @@ from topokit.report.wording import plural
 
 
 def volume_answer(
-    inside: Tensor,
-    components: CountedComponents,
-    connectivity: int,
-    euler: int,
-    other_euler: int,
-    seconds: float,
+    counted: CountedVolume, connectivity: int, seconds: float, notes: tuple[str, ...] = ()
 ) -> CountedAnswer:
     """The counted answer of a volume.
 
     Args:
-        inside: (X, Y, Z) bool, the solid.
-        components: its closed surfaces.
+        counted: what was counted.
         connectivity: 6 or 26, that of the solid.
-        euler: χ of the surface with that connectivity.
-        other_euler: χ of the surface with the other connectivity.
         seconds: time the count took.
+        notes: sentences about the values.
     """
-    dual = dual_connectivity(connectivity)
+    euler, surfaces, dual = counted.euler, counted.surfaces, dual_connectivity(connectivity)
     reasons = [
         f"χ = {euler} is exact with {connectivity}-connected foreground and {dual}-connected background: "
-        f"{int(inside.sum())} voxels in {plural(len(components) - components.cavities, 'component')}, bounded by "
-        f"{plural(len(components), 'closed surface')}."
+        f"{counted.n_inside} voxels in {plural(len(surfaces) - surfaces.cavities, 'component')}, bounded by "
+        f"{plural(len(surfaces), 'closed surface')}.",
+        *notes,
     ]
-    if other_euler != euler:
-        reasons.append(f"With {dual}-connected foreground χ would be {other_euler}: the volume itself is ambiguous.")
-    touched = _touched_faces(inside)
+    if counted.dual_euler != euler:
+        reasons.append(
+            f"With {dual}-connected foreground χ would be {counted.dual_euler}: the volume itself is ambiguous."
+        )
+    touched = _touched_faces(counted)
     if touched:
         reasons.append(
             f"The solid is cut by the volume's border ({', '.join(touched)}) and was closed there, as if there were "
@@ -45,7 +39,7 @@ def volume_answer(
         )
     return CountedAnswer(
         evidence=Evidence(f"count of cells, {connectivity}-connected", float(euler), euler, seconds),
-        components=components,
+        components=surfaces,
         closed=True,
         boundary_loops=0,
         verdict=volume_verdict(),
@@ -53,10 +47,10 @@ def volume_answer(
     )
 
 
-def _touched_faces(inside: Tensor) -> list[str]:
+def _touched_faces(counted: CountedVolume) -> list[str]:
     return [
-        f"{'first' if end == 0 else 'last'} layer along axis {axis}"
-        for axis in range(3)
-        for end in (0, -1)
-        if bool(inside.select(axis, end).any())
+        f"{end} layer along axis {axis}"
+        for axis, ends in enumerate(counted.touched)
+        for end, is_cut in zip(("first", "last"), ends, strict=True)
+        if is_cut
     ]

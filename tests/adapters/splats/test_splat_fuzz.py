@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damage import mutate
 from splat_writers import (
     WRITERS,
     join_spz_4,
@@ -36,75 +37,10 @@ from topokit.adapters.splats.formats import ply
 from topokit.errors import InputError, ReadError, UnknownFormatError
 
 REFUSALS = (InputError, ReadError, UnknownFormatError)
-N_FILES = 2000
+N_FILES = [400, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each format
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used
 MEBIBYTES = 64  # of growth per format, where the files have kilobytes
-INTERESTING = (0, 1, 127, 128, 255, 256, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1)
-Mutation = Callable[[bytearray, np.random.Generator], bytearray]
-
-
-def flip_bits(content: bytearray, rng: np.random.Generator) -> bytearray:
-    for at in rng.integers(0, len(content), size=int(rng.integers(1, 12))):
-        content[at] ^= 1 << int(rng.integers(8))
-    return content
-
-
-def flip_early(content: bytearray, rng: np.random.Generator) -> bytearray:
-    """Headers are short and matter most."""
-    for at in rng.integers(0, min(len(content), 128), size=int(rng.integers(1, 4))):
-        content[at] = int(rng.integers(256))
-    return content
-
-
-def truncate(content: bytearray, rng: np.random.Generator) -> bytearray:
-    return content[: int(rng.integers(0, len(content)))]
-
-
-def extend(content: bytearray, rng: np.random.Generator) -> bytearray:
-    return content + rng.bytes(int(rng.integers(1, 300)))
-
-
-def overwrite_integer(content: bytearray, rng: np.random.Generator) -> bytearray:
-    end = min(len(content), 4 * len(content) if rng.random() < 0.3 else 256)
-    at = 4 * int(rng.integers(0, max(1, end // 4)))
-    content[at : at + 4] = int(rng.choice(INTERESTING)).to_bytes(4, "little")
-    return content
-
-
-def blank(content: bytearray, rng: np.random.Generator) -> bytearray:
-    start, length = int(rng.integers(0, len(content))), int(rng.integers(1, 64))
-    value = int(rng.choice([0, 255]))
-    content[start : start + length] = bytes([value]) * len(content[start : start + length])
-    return content
-
-
-def cut_out(content: bytearray, rng: np.random.Generator) -> bytearray:
-    start = int(rng.integers(0, len(content)))
-    del content[start : start + int(rng.integers(1, 64))]
-    return content
-
-
-def change_digit(content: bytearray, rng: np.random.Generator) -> bytearray:
-    """Numbers in text headers: another digit, or several more."""
-    digits = [at for at in range(min(len(content), 4096)) if 48 <= content[at] <= 57]
-    if digits:
-        at = int(rng.choice(digits))
-        content[at : at + 1] = str(int(rng.choice([0, 3, 9, 99, 10**6, 10**12, 10**30]))).encode()
-    return content
-
-
-MUTATIONS: tuple[Mutation, ...] = (
-    *(flip_bits, flip_early, truncate, extend, overwrite_integer, blank, cut_out, change_digit),
-)
-
-
-def mutate(content: bytes, rng: np.random.Generator) -> bytes:
-    changed = bytearray(content)
-    for _ in range(int(rng.integers(1, 3))):
-        if changed:
-            changed = MUTATIONS[rng.integers(len(MUTATIONS))](changed, rng)
-    return bytes(changed)
 
 
 def whole_files(write: Callable[[Path], None]) -> Callable[[Path], Callable[[np.random.Generator], bytes]]:
@@ -199,28 +135,30 @@ def read_all(files: Iterator[bytes], path: Path) -> tuple[int, list[str]]:
     return n_read, refusals
 
 
+@pytest.mark.parametrize("n_files", N_FILES)
 @pytest.mark.parametrize("format_name", FORMATS)
-def test_damaged_files_end_in_a_topokit_error(format_name: str, tmp_path: Path) -> None:
+def test_damaged_files_end_in_a_topokit_error(format_name: str, n_files: int, tmp_path: Path) -> None:
     name, prepare = FORMATS[format_name]
     next_file = prepare(tmp_path)
     read_all((next_file(np.random.default_rng(i)) for i in range(200)), tmp_path / name)  # imports take memory too
     rng = np.random.default_rng(0)
     before, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
-    n_read, refusals = read_all((next_file(rng) for _ in range(N_FILES)), tmp_path / name)
-    assert len(refusals) > 0.05 * N_FILES, "the mutations do not reach what the reader checks"
-    assert n_read > 0.01 * N_FILES, "the mutations leave nothing to read"
+    n_read, refusals = read_all((next_file(rng) for _ in range(n_files)), tmp_path / name)
+    assert len(refusals) > 0.05 * n_files, "the mutations do not reach what the reader checks"
+    assert n_read > 0.01 * n_files, "the mutations leave nothing to read"
     assert min(map(len, refusals)) > 20, "an error should say what came and what was expected"
     assert time.process_time() - started < SECONDS
     assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024 < MEBIBYTES
 
 
-def test_damaged_sog_folders_end_in_a_topokit_error(tmp_path: Path) -> None:
+@pytest.mark.parametrize("n_files", N_FILES)
+def test_damaged_sog_folders_end_in_a_topokit_error(n_files: int, tmp_path: Path) -> None:
     folder = tmp_path / "scene"
     WRITERS["sog-folder"][1](folder, random_scene(20))
     intact = {path.name: path.read_bytes() for path in folder.iterdir()}
     rng = np.random.default_rng(0)
     refused = 0
-    for _ in range(N_FILES):
+    for _ in range(n_files):
         victim = sorted(intact)[int(rng.integers(len(intact)))]
         (folder / victim).write_bytes(mutate(intact[victim], rng))
         try:
@@ -228,7 +166,7 @@ def test_damaged_sog_folders_end_in_a_topokit_error(tmp_path: Path) -> None:
         except REFUSALS:
             refused += 1
         (folder / victim).write_bytes(intact[victim])
-    assert refused > 0.05 * N_FILES
+    assert refused > 0.05 * n_files
     for victim in intact:
         (folder / victim).unlink()
         with pytest.raises(ReadError, match=victim if victim != "meta.json" else "is a directory"):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from topokit.core.cloud.cut_counts import solid_eulers
 from topokit.core.cloud.cut_surface import CutSurface, cut_surface
-from topokit.core.cloud.delaunay_cut import DelaunayComplex, delaunay_complex, solid_eulers
+from topokit.core.cloud.delaunay_cut import DelaunayComplex, delaunay_complex
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 
 

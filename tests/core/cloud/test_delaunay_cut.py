@@ -7,7 +7,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import count_parts, cut_complex, delaunay_complex, solid_eulers, surface_normals
+from topokit.core.cloud.cut_counts import count_parts, solid_eulers
+from topokit.core.cloud.delaunay_cut import cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.neighborhoods import local_geometry
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.errors import InputError

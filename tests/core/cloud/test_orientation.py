@@ -66,7 +66,7 @@ def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud]) -> None:
 
 def outward(points: Floats, areas: Floats | None = None) -> Floats:
     given = None if areas is None else torch.from_numpy(areas)
-    return global_witness(torch.from_numpy(points), areas=given, may_smooth=False).normals
+    return global_witness(torch.from_numpy(points), areas=given, may_smooth=lambda: False).normals
 
 
 def test_pose_and_scale_do_not_matter() -> None:

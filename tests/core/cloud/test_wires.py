@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import cKDTree
 from tubes import cube_edges, linked_rings, torus_knot, tube
 
 import topokit
@@ -61,7 +62,7 @@ def test_a_wire_beside_a_solid_is_not_read() -> None:
     points, _ = tube(torus_knot(2, 3), 0.02, 3000)
     solid = 0.15 * sphere_samples(1200).points.numpy() + [3.0, 0, 0]
     both = np.concatenate((points, solid))
-    assert min(segment_narrowness(both)) < 0.3
+    assert min(segment_narrowness(both, cKDTree(both))) < 0.3
     assert read_wire(both) is None
 
 

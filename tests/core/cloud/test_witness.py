@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from tubes import torus_knot, tube
 
-from topokit.core.cloud import dense, witness
+from topokit.core.cloud import dense, looks
 from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
@@ -159,9 +160,9 @@ def test_the_answer_is_deterministic() -> None:
 
 def look_at_samples(monkeypatch: pytest.MonkeyPatch, most: int, samples: int) -> None:
     """Treat clouds of more than `most` points as large."""
-    monkeypatch.setattr(witness, "MOST_POINTS", most)
+    monkeypatch.setattr(looks, "MOST_POINTS", most)
     monkeypatch.setattr(dense, "MOST_POINTS", most)
-    for module in (witness, dense):
+    for module in (looks, dense):
         monkeypatch.setattr(module, "SAMPLES", samples)
 
 
@@ -208,6 +209,32 @@ def test_noise_larger_than_the_spacing_is_averaged(monkeypatch: pytest.MonkeyPat
     assert found.quality.roughness < 0.5
     assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.95
     assert "averaged over their neighbors" in preparation_sentences(found)[0]
+
+
+def test_noise_wider_than_many_neighborhoods_leaves_few_samples_and_is_unsure(
+    monkeypatch: pytest.MonkeyPatch, generator: torch.Generator
+) -> None:
+    look_at_samples(monkeypatch, 3000, 2000)
+    points, normals = sphere(40_000)
+    found = global_witness(points * (1 + 0.1 * torch.randn(len(points), 1, generator=generator)))
+    assert (found.euler, found.preparation) == (2, "thinned")
+    assert found.n_used <= 1000
+    assert verdict(found) == "unsure"
+    assert "details are lost with the noise" in " ".join(check_sentences(cloud_checks(found, NO_BOUNDARY), found))
+    assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.95
+
+
+def test_large_wires_are_read_from_evenly_spread_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(looks, "MOST_POINTS", 2000)
+    monkeypatch.setattr(looks, "_WIRE_SAMPLES", 1500)
+    points, outward = tube(torus_knot(2, 3), 0.02, 3000)
+    found = global_witness(torch.from_numpy(points))
+    assert (found.euler, found.components, found.preparation) == (0, 1, "wire")
+    assert found.wire is not None
+    assert found.surface is None
+    assert found.n_used <= 1500
+    assert (found.normals * outward).sum(1).mean() > 0.8
+    assert preparation_sentences(found)[0] == f"{found.n_used} evenly spread samples of the 3000 points were used."
 
 
 def test_repeated_points_are_left_out() -> None:

@@ -150,6 +150,7 @@ def test_a_surface_through_itself_has_no_inside() -> None:
         find_handles(vertices, mesh_topology(vertices, faces))
 
 
+@pytest.mark.long
 def test_real_meshes_are_cut_and_filled_to_spheres(real_data: Path) -> None:
     """The smaller ones; `benchmarks/handles.py` does it for all."""
     rows = json.loads((real_data / "index.json").read_text())

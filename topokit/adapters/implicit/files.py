@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
 import torch
 
+from topokit.adapters.implicit.archives import safe_copy, weights_only
 from topokit.adapters.implicit.function import Function
 from topokit.errors import ReadError
 from topokit.inputs.reading import reading
@@ -25,26 +29,47 @@ _SPLATS = (
 def read_network(path: Path) -> Function:
     """The function stored in a TorchScript or torch.export archive.
 
-    Pickles are refused: opening one runs whatever code it names.
+    Both are programs and can do whatever torch can, such as reading and writing files: open only those of people whose
+    programs you would run. Pickles, which run any code while they are opened, are refused, and those within archives,
+    too; so is machine code.
 
     Args:
         path: an existing file.
 
     Raises:
-        ReadError: if it is a pickle, no archive at all, or malformed.
+        ReadError: if it is a pickle, holds one or machine code, is no archive at all, or is malformed.
     """
     kind = archive_kind(path)
     if kind == "script":
-        with reading(path, "torch.jit.load", RuntimeError):
+        with reading(path, "torch.jit.load", LookupError, RuntimeError):
             return cast(Function, torch.jit.load(path, map_location="cpu"))
     if kind == "export":
-        with reading(path, "torch.export.load", AttributeError, LookupError, RuntimeError, TypeError):
-            return cast(Function, torch.export.load(path).module())
+        archive = safe_copy(path)
+        with _quiet(), weights_only(), reading(path, "torch.export.load", *_of_export()):
+            return cast(Function, torch.export.load(archive).module())
     if kind == "pickle":
         raise ReadError(
             f"{path} is a Python pickle (torch.save), which may run any code when it is opened. {_HOW} {_SPLATS}"
         )
     raise ReadError(f"{path} is neither a TorchScript nor a torch.export archive. {_HOW}")
+
+
+def _of_export() -> tuple[type[Exception], ...]:
+    """What torch.export raises on damaged archives, beside ValueError and the like."""
+    from torch._export.verifier import SpecViolationError  # not imported before it is needed: it takes a second
+
+    return (AssertionError, AttributeError, LookupError, RuntimeError, SyntaxError, TypeError, SpecViolationError)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without the messages of torch.export about what it cannot read; our own error says it."""
+    logger = logging.getLogger("torch.export")
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def archive_kind(path: Path) -> str | None:

@@ -27,6 +27,7 @@ from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import triangles_of
+from topokit.inputs.unpacking import unpacked
 from topokit.report.mesh import mesh_answer
 from topokit.shape import Shape
 
@@ -121,7 +122,8 @@ def _open(source: object, faces: object) -> tuple[str, Tensor, NDArray[np.int64]
         return "mesh", _vertices(source), triangles(faces)
     if isinstance(source, str | os.PathLike):
         path = existing_file(source)
-        vertices, corners = read_mesh(path)
+        with unpacked(path) as plain:
+            vertices, corners = read_mesh(plain)
         return path.name, torch.from_numpy(vertices), corners
     if isinstance(source, tuple | list) and len(source) == 2:
         return "mesh", _vertices(source[0]), triangles(source[1])

@@ -21,14 +21,35 @@ def is_mesh(source: Path) -> bool:
     return is_off or start.startswith(b"glTF") or ply_kind(start) == "mesh"
 
 
+# Suffixes of finite-element files, and the modules of meshio that read them.
+FINITE_ELEMENTS = {
+    ".vtk": "vtk",
+    ".vtu": "vtu",
+    ".msh": "gmsh",
+    ".inp": "abaqus",
+    ".mesh": "medit",
+    ".bdf": "nastran",
+    ".nas": "nastran",
+    ".vol": "netgen",
+    ".su2": "su2",
+    ".f3grid": "flac3d",
+    ".ugrid": "ugrid",
+}
+
 MESH = Adapter(
     name="mesh",
     description="triangle meshes",
-    suffixes=(".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf"),
+    suffixes=(".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf", ".dae", *FINITE_ELEMENTS),
     can_open=is_mesh,
-    types=("trimesh.Trimesh", "trimesh.Scene"),
+    types=(
+        *("trimesh.Trimesh", "trimesh.Scene", "meshio.Mesh", "vedo.Mesh", "kaolin.rep.SurfaceMesh"),
+        *("pyvista.PolyData", "pyvista.UnstructuredGrid", "pytorch3d.structures.Meshes"),
+    ),
     extra="topokit[formats]",
-    suffix_requires=((".3mf", "lxml"), (".3mf", "networkx")),
+    suffix_requires=(
+        *((".3mf", "lxml"), (".3mf", "networkx"), (".dae", "collada")),
+        *((suffix, "meshio") for suffix in FINITE_ELEMENTS),
+    ),
     differentiable=True,
     opener="topokit.adapters.mesh.adapter:from_mesh",
 )

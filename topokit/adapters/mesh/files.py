@@ -1,120 +1,116 @@
-"""Reading mesh files: trimesh for every format it knows, and polygon OFF files, on which it fails."""
+"""Reading mesh files: trimesh, helped where it fails; meshio for finite elements."""
 
 from __future__ import annotations
 
 import io
 import logging
 import re
-from itertools import chain
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.mesh.polygons import fans
-from topokit.errors import ReadError
+from topokit.adapters.mesh.entry import FINITE_ELEMENTS
+from topokit.adapters.mesh.formats.finite_elements import read_finite_elements
+from topokit.adapters.mesh.formats.gltf import check_gltf
+from topokit.adapters.mesh.formats.obj import bare_obj
+from topokit.adapters.mesh.formats.off import read_off
+from topokit.adapters.mesh.formats.ply import is_plain, read_ply
+from topokit.adapters.mesh.formats.stl import counted_stl, is_binary_stl
+from topokit.adapters.mesh.formats.three_mf import check_3mf
+from topokit.adapters.mesh.formats.xml import refuse_entities
+from topokit.adapters.mesh.scenes import load_flattened
+from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import head
+from topokit.inputs.ply import check_header
 from topokit.inputs.reading import reading
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 # What trimesh raises on damaged files, beside ValueError and the like.
 _OF_TRIMESH = (
-    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError, NotImplementedError),
-    *(RuntimeError, SyntaxError, TypeError),
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, NotImplementedError, RuntimeError),
+    *(StopIteration, SyntaxError, TypeError, UnboundLocalError),
 )
 
 
-def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_mesh(path: Path) -> Mesh:
     """Vertices (V, 3) and triangles (F, 3) of a mesh file, indices as they stand in it (nothing is merged).
 
-    Scenes are flattened with their transformations; polygons are cut into fans.
+    Scenes are flattened with their transformations; polygons are cut into fans; of solid cells the surface is taken.
 
     Raises:
         ReadError: if the file cannot be read or holds no triangle.
-        MissingDependencyError: if the format needs a package that is not there (3MF: lxml and networkx).
+        MissingDependencyError: if the format needs a package that is not there.
     """
-    beginning = head(path)
-    if beginning.lstrip()[:4].upper().startswith((b"OFF", b"COFF", b"NOFF")):
+    kind = _file_type(path, head(path))
+    if kind == "off":
         with reading(path, "the OFF reader"):
-            return read_off(path)
-    import trimesh
-
-    quiet = logging.getLogger("trimesh")
-    level = quiet.level
-    quiet.setLevel(logging.CRITICAL)  # missing textures do not matter here
-    try:
-        kind = _file_type(path, beginning)
-        content = path if kind != "obj" else _bare_obj(path)
-        with reading(path, "trimesh", *_OF_TRIMESH, extra="topokit[formats]"):
-            mesh = _flattened(trimesh.load_scene(content, file_type=kind, process=False))
-            vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    finally:
-        quiet.setLevel(level)
+            vertices, faces = read_off(path)
+    elif f".{kind}" in FINITE_ELEMENTS:
+        vertices, faces = read_finite_elements(path, FINITE_ELEMENTS[f".{kind}"])
+    elif kind == "ply" and not is_plain(path):
+        with reading(path, "the PLY reader"):
+            vertices, faces = read_ply(path)
+    else:
+        vertices, faces = _through_trimesh(path, kind)
     if len(faces) == 0:
         raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use topokit.from_points.")
     return vertices, faces
 
 
-def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """An ASCII OFF file with polygons of any size, cut into fans.
-
-    Raises:
-        ReadError: if counts and content do not agree.
-    """
-    lines = (line.split("#")[0] for line in path.read_text(encoding="utf-8", errors="strict").splitlines())
-    words = [line.split() for line in lines]
-    rows = [row for row in words if row]
-    if not rows or not rows[0][0].upper().endswith("OFF"):
-        raise ReadError(f"{path} is not an OFF file: it does not begin with OFF.")
-    rows[0] = rows[0][1:]
-    rows = rows if rows[0] else rows[1:]
-    if not rows or len(rows[0]) < 2:
-        raise ReadError(f"{path} has no vertex and face counts after its first word; it is truncated.")
-    n_vertices, n_faces = int(rows[0][0]), int(rows[0][1])
-    if len(rows) < 1 + n_vertices + n_faces:
-        raise ReadError(
-            f"{path} announces {n_vertices} vertices and {n_faces} faces but has only {len(rows) - 1} lines for them: "
-            "it is truncated or its header is wrong."
-        )
-    vertices = np.array([row[:3] for row in rows[1 : 1 + n_vertices]], dtype=np.float64).reshape(-1, 3)
-    polygons = [row for row in rows[1 + n_vertices : 1 + n_vertices + n_faces] if int(row[0]) > 2]
-    if not polygons:
-        raise ReadError(f"{path} holds no faces. A mesh was expected; for points use topokit.from_points.")
-    counts = np.array([int(row[0]) for row in polygons])
-    short = next((row for row, count in zip(polygons, counts, strict=True) if len(row) <= count), None)
-    if short is not None:
-        raise ReadError(f"{path}: a face announces {short[0]} corners and has {len(short) - 1}.")
-    words_of_corners = chain.from_iterable(row[1 : 1 + n] for row, n in zip(polygons, counts.tolist(), strict=True))
-    return vertices, fans(np.array(list(map(int, words_of_corners)), dtype=np.int64), counts)
+def _through_trimesh(path: Path, kind: str) -> Mesh:
+    with reading(path, f"the {kind.upper()} reader"):
+        content = _prepared(path, kind)
+    errors: tuple[type[Exception], ...] = (*_OF_TRIMESH, *_of_collada()) if kind == "dae" else _OF_TRIMESH
+    with _quiet(), reading(path, "trimesh", *errors, extra="topokit[formats]"):
+        mesh = load_flattened(content, kind, path)
+        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
 
 
-def _flattened(scene: Any) -> Any:
-    """All of a scene as one `trimesh.Trimesh`; a single mesh that stays in place is not copied."""
-    nodes = scene.graph.nodes_geometry
-    if len(nodes) == 1:
-        transformation, name = scene.graph[nodes[0]]
-        only = scene.geometry[name]
-        if hasattr(only, "faces") and np.array_equal(transformation, np.eye(4)):
-            return only
-    return scene.to_mesh()
+def _prepared(path: Path, kind: str) -> Path | io.BytesIO:
+    """The file as trimesh reads it rightly; what it would misread is refused."""
+    if kind == "obj":
+        return bare_obj(path)
+    if kind == "stl" and is_binary_stl(path):
+        return counted_stl(path)
+    if kind in ("glb", "gltf"):
+        check_gltf(path)
+    if kind == "3mf":
+        check_3mf(path)
+    if kind == "ply":
+        check_header(path)
+    if kind == "dae":
+        refuse_entities(path)
+    return path
 
 
-def _bare_obj(path: Path) -> io.BytesIO:
-    """The `v` and `f` lines alone, faces without texture and normal indices.
+def _of_collada() -> tuple[type[Exception], ...]:
+    try:
+        from collada.common import DaeError
+    except ImportError as error:
+        raise MissingDependencyError('Reading .dae needs pycollada: pip install "topokit[formats]".') from error
+    return (DaeError,)
 
-    Faces name vertices, normals, textures and materials apart and topology goes by the vertex alone; trimesh would
-    split vertices wherever any of them differs.
-    """
-    content = path.read_bytes().replace(b"\t", b" ")
-    if b"\\" in content:
-        content = re.sub(rb"\\\r?\n", b" ", content)  # continued lines
-    lines = b"\n".join(line for line in map(bytes.strip, content.split(b"\n")) if line[:2] in (b"v ", b"f "))
-    superfluous = rb"/\S*|#.*"
-    return io.BytesIO(re.sub(superfluous, b"", lines) if b"/" in lines or b"#" in lines else lines)
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without trimesh's messages: missing textures do not matter here."""
+    logger = logging.getLogger("trimesh")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 def _file_type(path: Path, beginning: bytes) -> str:
     """What the content says, else the suffix."""
+    if re.match(rb"\s*(C|N)?OFF", beginning, re.IGNORECASE):
+        return "off"
     if beginning.startswith(b"ply"):
         return "ply"
     if beginning.startswith(b"glTF"):

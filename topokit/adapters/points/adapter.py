@@ -17,7 +17,8 @@ from topokit.core.samples import SurfaceSamples, is_padding
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
-from topokit.inputs.objects import points_of
+from topokit.inputs.objects import is_frame, points_of
+from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
 _FEW = 0.01  # share of invalid normals up to which their points are dropped; above it all normals are ignored
@@ -34,10 +35,11 @@ def from_points(
     """A point cloud as a shape.
 
     Args:
-        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz) or a point cloud
-            of open3d or trimesh, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors
-            and objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32),
-            and tensors their gradient; other arrays become float64.
+        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz .e57 .obj); a
+            data frame with columns x, y, z and perhaps nx, ny, nz; or a point cloud of open3d, trimesh, PyTorch3D,
+            PyVista or vedo, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors and
+            objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32), and
+            tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
         lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
@@ -65,9 +67,10 @@ def from_points(
     notes: list[str] = []
     if isinstance(points, str | os.PathLike):
         path = existing_file(points)
-        name, (points, stored) = path.name, read_points(path)
+        with unpacked(path) as plain:
+            name, (points, stored) = path.name, read_points(plain)
         normals = stored if normals is None else normals
-    elif not is_array(points) and not isinstance(points, list | tuple):
+    elif is_frame(points) or not (is_array(points) or isinstance(points, list | tuple)):
         points, stored = _of_object(points)
         normals = stored if normals is None else normals
     positions = _tensor(points, "points")
@@ -121,7 +124,7 @@ def _of_object(source: object) -> tuple[Any, Any | None]:
     if found is None:
         raise InputError(
             f"from_points got {type(source).__name__}; expected a path, a tensor or array (N, 3), anything with "
-            "__dlpack__ or __array__, or a point cloud of open3d or trimesh."
+            "__dlpack__ or __array__, a data frame, or a point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo."
         )
     return found
 

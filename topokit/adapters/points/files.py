@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import LAS, POINTS, TEXT, is_pcd
+from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
+from topokit.adapters.points.laz import check_packing, reading_laz
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -35,7 +36,8 @@ def read_points(path: Path) -> Cloud:
     beginning = head(path)
     for name, recognizes, read in _FORMATS:
         if recognizes(path, beginning):
-            with reading(path, f"the {name} reader", extra="topokit[formats]"):
+            quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
+            with quiet, reading(path, f"the {name} reader", extra="topokit[formats]"):
                 points, normals = read(path)
             if len(points) == 0:
                 raise ReadError(f"{path} holds no points.")
@@ -61,19 +63,53 @@ def _read_las(path: Path) -> Cloud:
         raise MissingDependencyError(f"Reading .las needs laspy: {_INSTALL}.") from error
     size = path.stat().st_size
     n_records = int.from_bytes(head(path)[100:104], "little")
+    require_bytes(path, "points behind its header", int.from_bytes(head(path)[96:100], "little"), size)
     require_bytes(path, f"{n_records} variable length records", 54 * n_records, size)
     damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
-    with reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
+    with reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
         header = file.header
         if header.are_points_compressed and not laspy.LazBackend.detect_available():
             raise MissingDependencyError("Reading .laz needs a backend of laspy: pip install lazrs.")
         needed = header.point_count * header.point_format.size
         if header.are_points_compressed:
             require_expansion(path, needed, size)
+            check_packing(path, header)
         else:
             require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
         points = file.read_points(-1)
         return np.stack((points.x, points.y, points.z), axis=1).astype(np.float64), None
+
+
+def _read_e57(path: Path) -> Cloud:
+    """The scans of a file one after the other, in their common coordinates; points that are marked invalid left out."""
+    try:
+        import pye57
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .e57 needs pye57: {_INSTALL}.") from error
+    length = int.from_bytes(head(path)[16:24], "little")
+    require_bytes(path, "its own length", length, path.stat().st_size)
+    damaged = (RuntimeError, LookupError, TypeError, AttributeError, pye57.libe57.E57Exception)
+    with reading(path, "pye57", *damaged), pye57.E57(str(path)) as file:
+        for number in range(file.scan_count):
+            n_points = file.get_header(number).point_count
+            require_expansion(path, 3 * n_points, path.stat().st_size)  # coordinates take a byte at least, seldom less
+        scans = [file.read_scan(number, ignore_missing_fields=True) for number in range(file.scan_count)]
+        columns = [[scan[f"cartesian{axis}"] for axis in "XYZ"] for scan in scans]
+    return np.concatenate([np.empty((0, 3)), *(np.stack(column, axis=1) for column in columns)]), None
+
+
+def _read_obj(path: Path) -> Cloud:
+    """The vertices, and as many normals as there are, if there are so many; colors behind the vertices are ignored."""
+    if not is_obj_cloud(path):
+        raise ReadError(f"{path} has faces, or no vertices at all: topokit.from_mesh reads its faces.")
+    rows: dict[bytes, list[list[bytes]]] = {b"v": [], b"vn": []}
+    with path.open("rb") as file:
+        for line in file:
+            words = line.split()
+            if len(words) > 3 and words[0] in rows:
+                rows[words[0]].append(words[1:4])
+    points, normals = (np.array(rows[key], dtype=np.float64).reshape(-1, 3) for key in (b"v", b"vn"))
+    return points, normals if len(points) == len(normals) else None
 
 
 def _read_pcd(path: Path) -> Cloud:
@@ -89,6 +125,7 @@ def _read_pcd(path: Path) -> Cloud:
     damaged = (LookupError, TypeError, RuntimeError)
     with reading(path, "pypcd4", *damaged):
         header = MetaData.parse_header(found.group().decode("utf-8").splitlines())
+        require_bytes(path, "values of each point", sum(header.count), len(content))
         needed = header.points * header.build_dtype().itemsize
     available = len(content) - found.end()
     if found.group(1) == b"binary_compressed":
@@ -163,5 +200,7 @@ _FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Cloud
     ("NPY", lambda _, start: start.startswith(NUMPY), _read_npy),
     ("NPZ", lambda _, start: start.startswith(ZIP), _read_npz),
     ("PCD", lambda _, start: is_pcd(start), _read_pcd),
+    ("E57", lambda _, start: start.startswith(E57), _read_e57),
+    ("OBJ", lambda path, _: path.suffix.lower() == ".obj", _read_obj),
     ("text", lambda path, _: path.suffix.lower() in TEXT, _read_text),
 )

@@ -4,39 +4,36 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Iterable
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from topokit.adapters.voxels.entry import is_volume
+from topokit.adapters.voxels.field import SLAB, Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
+from topokit.adapters.voxels.images import image_of
+from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.samples import volume_samples
+from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.grid.components import grid_surfaces
-from topokit.core.grid.euler import (
-    DEFAULT_CONNECTIVITY,
-    check_connectivity,
-    comparable,
-    dual_connectivity,
-    surface_euler,
-)
-from topokit.core.grid.field import Field
+from topokit.core.grid.components import counted_in_memory
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Grid, Spacing
-from topokit.core.grid.level_surface import level_surface
 from topokit.core.local.neighborhood_size import given_or_default
-from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
-from topokit.inputs.files import existing_file
+from topokit.inputs.files import existing_file, user_path
+from topokit.inputs.unpacking import unpacked
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
 from topokit.report.wording import plural
 from topokit.shape import Shape
-
-_SLAB = 16  # layers handled at a time
 
 
 def from_voxels(
@@ -45,31 +42,43 @@ def from_voxels(
     spacing: float | Spacing | None = None,
     level: float | None = None,
     connectivity: int = DEFAULT_CONNECTIVITY,
-    label: float | None = None,
+    label: float | tuple[float, ...] | None = None,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    dataset: str | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> Shape:
-    """The surface of the solid {volume > level}, or {volume == label}, with its exact topology.
+    """The surface of the solid {volume > level}, or of the voxels with some label, with its exact topology.
 
     Outside the volume there is only background: objects cut by the border are closed there, and the report says so.
     `report()` counts. The smoothed χ is differentiable in the gray values if these are a floating-point tensor; with
     τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `euler()` use samples of the
     volume smoothed over one voxel; these are not differentiable.
 
+    A volume that is stored in chunks or as a memory map and has more than 2²⁷ voxels is counted block by block, with
+    the same result, and never held as a whole: its shape has a report, but no samples.
+
     Args:
-        volume: (X, Y, Z) tensor or array of any real type, or a path (.npy .npz .nii .nii.gz .nrrd .tif). Not copied
-            where its type allows that.
+        volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that; a path
+            (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the folder of a DICOM series); or an image of nibabel,
+            SimpleITK or MONAI. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is read block by block
+            if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
         level: voxels strictly above it are inside. Needed unless the volume is binary (then half of its higher value).
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
             has the other one. On real volumes the two answers differ grossly.
-        label: voxels equal to it are inside; then there is no level.
+        label: voxels equal to it, or to one of several, are inside; then there is no level.
         origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
+        dataset: path of the array in a zarr group or HDF5 file that holds several.
+        block_voxels: count block by block, whatever the volume's size, with at most so many voxels in a block; but a
+            block has at least one chunk of the storage. By default 2²⁴.
+        client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -84,17 +93,21 @@ def from_voxels(
         >>> tk.from_voxels(ring).report().genus
         1
     """
-    name, values, steps = open_volume(volume, spacing)
-    x, y, z = values.shape
-    grid = Grid((x, y, z), steps, as_position(origin))
     check_connectivity(connectivity)
     check_sample_count(n_samples, given_or_default(n_neighbors))
     level = None if level is None else _as_number("level", level)
-    label = None if label is None else _as_number("label", label)
-    level, notes = _level_and_notes(values, level, label)
-    field = VoxelField(values, level, label, grid, connectivity)
+    labels = _as_labels(label)
+    _check_choice(level, labels)
+    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+        place = as_spacing(spacing), as_position(origin)
+        return shape_in_blocks(blocks, *place, level, labels, connectivity, n_neighbors)
+    name, values, steps = open_volume(volume, spacing, dataset)
+    x, y, z = values.shape
+    grid = Grid((x, y, z), steps, as_position(origin))
+    level, notes = _level_and_notes(values, level, labels)
+    field = VoxelField(values, level, labels, grid, connectivity)
     if not field.has_inside():
-        wanted = f"equals the label {label}" if label is not None else f"is above the level {level:g}"
+        wanted = f"equals the label {listed(labels)}" if labels else f"is above the level {level:g}"
         low, high = _range(values)
         raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
     seed = deferred_seed(generator)
@@ -109,77 +122,29 @@ def from_voxels(
     )
 
 
-class VoxelField(Field):
-    """Gray values minus their level, or +½ and −½ for a binary volume or a label."""
-
-    def __init__(self, volume: Tensor, level: float, label: float | None, grid: Grid, connectivity: int) -> None:
-        """Args: volume (X, Y, Z); level or label: what is inside; grid: voxel centers; connectivity: 6 or 26."""
-        super().__init__(grid, connectivity)
-        self.volume, self.level, self.label = volume, level, label
-        self.is_binary = label is not None or volume.dtype == torch.bool
-
-    @property
-    def device(self) -> torch.device:
-        """See `Field.device`."""
-        return self.volume.device
-
-    def inside(self) -> Tensor:
-        """(X, Y, Z) bool."""
-        return self._is_inside(self.volume)
-
-    def has_inside(self) -> bool:
-        """Whether the solid has a voxel; handles a few layers at a time."""
-        return any(bool(self._is_inside(part).any()) for part in self.volume.split(_SLAB))
-
-    def values(self) -> Tensor:
-        """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
-        return self._field_of(self.volume)
-
-    def values_at(self, vertices: Tensor) -> Tensor:
-        """See `Field.values_at`."""
-        x, y, z = vertices.unbind(1)
-        return self._field_of(self.volume[x, y, z])
-
-    def exact_euler(self, connectivity: int | None = None) -> Tensor:
-        """See `Field.exact_euler`; counted on the volume as it is, without a copy in floating point."""
-        connectivity = connectivity or self.connectivity
-        if self.label is not None:
-            return surface_euler(self.inside(), 0, connectivity)
-        return surface_euler(self.volume.detach(), self.level, connectivity)
-
-    def surface(self) -> TriangleSurface:
-        """The closed surface as triangles, in the field's own connectivity."""
-        return level_surface(self.detached(), self.grid, self.connectivity)
-
-    def _is_inside(self, voxels: Tensor) -> Tensor:
-        return voxels == self.label if self.label is not None else voxels.detach() > self.level
-
-    def _field_of(self, voxels: Tensor) -> Tensor:
-        if self.is_binary:
-            return self._is_inside(voxels).to(torch.get_default_dtype()) - 0.5
-        gray = voxels if voxels.is_floating_point() else voxels.to(torch.get_default_dtype())
-        return torch.where(gray.isnan(), -torch.inf, gray) - self.level
-
-
 def _count(field: VoxelField) -> CountedAnswer:
     started = time.perf_counter()
-    euler = int(field.exact_euler())
-    seconds = time.perf_counter() - started
-    inside = field.inside()
-    components = grid_surfaces(inside, field.connectivity, field.grid)
-    other_euler = int(field.exact_euler(dual_connectivity(field.connectivity)))
-    return volume_answer(inside, components, field.connectivity, euler, other_euler, seconds)
+    counted = counted_in_memory(field.inside(), field.connectivity, field.grid)
+    return volume_answer(counted, field.connectivity, time.perf_counter() - started)
 
 
 def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None, dataset: str | None = None
 ) -> tuple[str, Tensor, Spacing]:
     """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
-    name, file_spacing = "voxels", None
+    name, own_spacing = "voxels", None
     if isinstance(volume, str | os.PathLike):
-        path = existing_file(volume)
-        name, (volume, file_spacing) = path.name, read_volume(path)
-    return name, _as_volume(volume), _as_spacing(file_spacing if spacing is None else spacing)
+        path = user_path(volume)
+        path = path if path.is_dir() and is_volume(path) else existing_file(path)
+        with unpacked(path) as plain:
+            stored = stored_volume(plain, dataset)
+            volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), None)
+            name = path.name
+    elif (stored := stored_volume(volume, dataset)) is not None:
+        volume = stored.whole()
+    elif (found := image_of(volume)) is not None:
+        volume, own_spacing = found
+    return name, _as_volume(volume), as_spacing(own_spacing if spacing is None else spacing)
 
 
 def _as_volume(volume: object) -> Tensor:
@@ -191,7 +156,8 @@ def _as_volume(volume: object) -> Tensor:
     return comparable(values)
 
 
-def _as_spacing(spacing: float | Spacing | None) -> Spacing:
+def as_spacing(spacing: float | Spacing | None) -> Spacing:
+    """Three positive numbers, 1 by default, or an `InputError`."""
     try:
         steps = np.broadcast_to(np.asarray(1.0 if spacing is None else spacing, dtype=float), 3)
     except (TypeError, ValueError) as error:
@@ -221,15 +187,34 @@ def _as_number(name: str, value: object) -> float:
         raise InputError(f"{name} must be one number, got {value!r}.") from error
 
 
-def _level_and_notes(values: Tensor, level: float | None, label: float | None) -> tuple[float, tuple[str, ...]]:
+def _as_labels(label: object) -> Labels:
+    """None, one number or several as numbers without repetition, in ascending order."""
+    if label is None:
+        return ()
+    if isinstance(label, str) or not isinstance(label, Iterable) or getattr(label, "ndim", 1) == 0:
+        return (_as_number("label", label),)
+    labels = tuple(sorted({_as_number("each label", one) for one in label}))
+    if not labels:
+        raise InputError("label is empty; expected one label or several.")
+    return labels
+
+
+def _check_choice(level: float | None, labels: Labels) -> None:
+    """An `InputError` if both a level and labels are given."""
+    if labels and level is not None:
+        given = f"both level={level} and label={listed(labels)} were given"
+        raise InputError(f"{given}; one of them says what is inside.")
+
+
+def _level_and_notes(values: Tensor, level: float | None, labels: Labels) -> tuple[float, tuple[str, ...]]:
     """The level to use, and sentences for the report."""
-    if label is not None:
-        if level is not None:
-            raise InputError(f"both level={level} and label={label} were given; one of them says what is inside.")
-        return 0.0, (f"The solid is the voxels with label {label}.",)
+    if labels:
+        absent = [one for one in labels if not any(bool((part == one).any()) for part in values.split(SLAB))]
+        lacking = (f"No voxel has the label {listed(tuple(absent))}.",) if absent else ()
+        return 0.0, (f"The solid is the voxels with label {listed(labels)}.", *lacking)
     if level is None:
         level = 0.0 if values.dtype == torch.bool else _level_of_binary(values)
-    n_nan = sum(int(part.isnan().sum()) for part in values.detach().split(_SLAB)) if values.is_floating_point() else 0
+    n_nan = sum(int(part.isnan().sum()) for part in values.detach().split(SLAB)) if values.is_floating_point() else 0
     return level, (f"NaN counts as background, in {plural(n_nan, 'voxel')}.",) if n_nan else ()
 
 
@@ -237,7 +222,7 @@ def _level_of_binary(values: Tensor) -> float:
     """Half of the higher one of two values of which the lower one is 0."""
     low, high = _range(values)
     is_binary = low >= 0 and all(
-        bool(((part == 0) | (part == high) | part.isnan()).all()) for part in values.detach().split(_SLAB)
+        bool(((part == 0) | (part == high) | part.isnan()).all()) for part in values.detach().split(SLAB)
     )
     if not is_binary:
         raise InputError(
@@ -248,7 +233,7 @@ def _level_of_binary(values: Tensor) -> float:
 
 
 def _range(values: Tensor) -> tuple[float, float]:
-    parts = [part[~part.isnan()] for part in torch.split(values.detach(), _SLAB)]
+    parts = [part[~part.isnan()] for part in torch.split(values.detach(), SLAB)]
     parts = [part for part in parts if part.numel()]
     if not parts:
         raise InputError("all voxels are NaN.")

@@ -1,8 +1,7 @@
-"""Reading volumes: one short function per format, each giving an array (X, Y, Z) and its spacing or None."""
+"""Reading volumes: the reader of each format, chosen by content; each gives an array (X, Y, Z) and its spacing."""
 
 from __future__ import annotations
 
-import gzip
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,38 +9,55 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_nifti
+from topokit.adapters.voxels.entry import NRRD, TIFF, VOXELS, is_dicom, is_metaimage, is_nifti
+from topokit.adapters.voxels.medical import read_itk, read_nifti, read_nrrd
+from topokit.adapters.voxels.tiff import read_tiff
 from topokit.core.grid.grid import Spacing
-from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import GZIP, ZIP, head, unpacked_head
+from topokit.errors import ReadError
+from topokit.inputs.files import ZIP, head
 from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.reading import reading
 
 Volume = tuple[NDArray[Any], Spacing | None]
-_HOW = 'pip install "topokit[volumes]"'
 
 
 def read_volume(path: Path) -> Volume:
-    """Array and spacing of a file, by content; the axes are in the order in which the format's reader gives them.
+    """Array and spacing of a file or of a folder with a DICOM series, by content.
+
+    The axes are in the order in which the format's reader gives them, and so is the spacing. It is None if the file
+    does not tell it.
 
     Raises:
         ReadError: if the file is malformed or holds no 3-D array.
         MissingDependencyError: if the format's reader is not installed.
     """
-    reader = _reader(path)
-    with reading(path, f"the {reader.__name__.removeprefix('_read_')} reader", extra="topokit[volumes]"):
+    name, reader = _reader(path)
+    with reading(path, f"the {name} reader", extra="topokit[volumes]"):
         array, spacing = reader(path)
     if array.ndim != 3:
-        raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected.")
+        raise ReadError(
+            f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected. Of several channels or "
+            "times read the file yourself and pass one of them: topokit.from_voxels(array, spacing=...)."
+        )
     return array, spacing
 
 
-def _reader(path: Path) -> Callable[[Path], Volume]:
-    beginning = unpacked_head(path)
-    for looks_like, reader in _BY_CONTENT:
+def _reader(path: Path) -> tuple[str, Callable[[Path], Volume]]:
+    beginning = head(path)
+    for name, looks_like, reader in _BY_CONTENT:
         if looks_like(beginning):
-            return reader
+            return name, reader
+    if path.is_dir():
+        return "DICOM", read_itk
+    if path.suffix.lower() == ".img" and is_nifti(head(_header_of(path))):
+        return "NIfTI", read_nifti
     raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
+
+
+def _header_of(image: Path) -> Path:
+    """The .hdr that describes an .img; the image itself if there is none."""
+    header = image.with_suffix(".hdr")
+    return header if header.is_file() else image
 
 
 def _read_npy(path: Path) -> Volume:
@@ -59,73 +75,18 @@ def _read_npz(path: Path) -> Volume:
         spacing = np.ravel(archive["spacing"]).astype(float) if "spacing" in archive.files else None
         if spacing is not None and len(spacing) not in (1, 3):
             raise ReadError(f"{path}: 'spacing' holds {len(spacing)} numbers; 1 or 3 were expected.")
-        return archive[volumes[0]], None if spacing is None else _triple(np.broadcast_to(spacing, 3))
+        if spacing is None:
+            return archive[volumes[0]], None
+        x, y, z = np.broadcast_to(spacing, 3).tolist()
+        return archive[volumes[0]], (x, y, z)
 
 
-def _read_nifti(path: Path) -> Volume:
-    try:
-        import nibabel
-        from nibabel.filebasedimages import ImageFileError
-        from nibabel.spatialimages import HeaderDataError
-        from nibabel.wrapstruct import WrapStructError
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
-    data = _bytes(path)
-    kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
-    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, MemoryError):
-        image = kind.from_bytes(data)
-        array = np.asanyarray(image.dataobj)
-    if array.ndim == 4 and array.shape[3] == 1:
-        array = array[..., 0]
-    return array, _triple(image.header.get_zooms()[:3])
-
-
-def _bytes(path: Path) -> bytes:
-    if head(path).startswith(GZIP):
-        with gzip.open(path) as file:
-            return file.read()
-    return path.read_bytes()
-
-
-def _read_nrrd(path: Path) -> Volume:
-    try:
-        import nrrd
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
-    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError, MemoryError):
-        array, header = nrrd.read(str(path))
-    if "space directions" in header:
-        return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
-    return array, _triple(header["spacings"]) if "spacings" in header else None
-
-
-def _read_tiff(path: Path) -> Volume:
-    try:
-        import tifffile
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .tif needs tifffile: {_HOW}.") from error
-    damaged = (
-        tifffile.TiffFileError,
-        ArithmeticError,
-        AssertionError,
-        LookupError,
-        MemoryError,
-        RuntimeError,
-        TypeError,
-    )
-    with reading(path, "tifffile", *damaged):
-        return tifffile.imread(path), None
-
-
-def _triple(values: Any) -> Spacing:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-_BY_CONTENT: tuple[tuple[Callable[[bytes], bool], Callable[[Path], Volume]], ...] = (
-    (lambda start: start.startswith(NUMPY), _read_npy),
-    (lambda start: start.startswith(ZIP), _read_npz),
-    (is_nifti, _read_nifti),
-    (lambda start: start.startswith(NRRD), _read_nrrd),
-    (lambda start: start.startswith(TIFF), _read_tiff),
+_BY_CONTENT: tuple[tuple[str, Callable[[bytes], bool], Callable[[Path], Volume]], ...] = (
+    ("NPY", lambda start: start.startswith(NUMPY), _read_npy),
+    ("NPZ", lambda start: start.startswith(ZIP), _read_npz),
+    ("NIfTI", is_nifti, read_nifti),
+    ("NRRD", lambda start: start.startswith(NRRD), read_nrrd),
+    ("TIFF", lambda start: start.startswith(TIFF), read_tiff),
+    ("DICOM", is_dicom, read_itk),
+    ("MetaImage", is_metaimage, read_itk),
 )

@@ -5,16 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from numbers import Integral
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.adapter import as_position, from_voxels, open_volume
+from topokit.adapters.voxels.adapter import as_position, as_spacing, from_voxels, open_volume
+from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
 from topokit.core.components import Corner
 from topokit.core.draws import deferred_seed
-from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.core.grid.grid import Spacing
 from topokit.core.grid.labels import Box, label_boxes
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
@@ -35,6 +36,9 @@ def from_labels(
     n_samples: int = 10_000,
     n_neighbors: int = DEFAULT_NEIGHBORS,
     generator: torch.Generator | None = None,
+    dataset: str | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> dict[int, Shape]:
     """The solids of a labeled volume, such as a segmentation, by their labels.
 
@@ -50,6 +54,9 @@ def from_labels(
         n_samples: as for `from_voxels`.
         n_neighbors: as for `from_voxels`.
         generator: as for `from_voxels`; every label has the same seed.
+        dataset: as for `from_voxels`.
+        block_voxels: as for `from_voxels`; the volume is read once to find the labels, then the box of each.
+        client: as for `from_voxels`.
 
     Returns:
         Shapes by label: in the given order, or ascending for "all".
@@ -66,10 +73,17 @@ def from_labels(
         >>> {label: shape.genus() for label, shape in tk.from_labels(volume).items()}
         {4: 0, 7: 1}
     """
-    name, values, steps = open_volume(volume, spacing)
-    boxes = label_boxes(values)
     first, seed = as_position(origin), deferred_seed(generator)
-    shapes = {}
+    check_connectivity(connectivity)
+    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+        name, boxes = blocks.volume.name, labels_in_blocks(blocks)
+        place = as_spacing(spacing), first
+        return {
+            label: label_in_blocks(blocks, label, boxes[label], *place, connectivity, n_neighbors)
+            for label in _wanted(name, labels, boxes)
+        }
+    name, values, steps = open_volume(volume, spacing, dataset)
+    boxes, shapes = label_boxes(values), {}
     for label in _wanted(name, labels, boxes):
         x, y, z = (start + step * side.start for start, step, side in zip(first, steps, boxes[label], strict=True))
         shape = from_voxels(

@@ -24,7 +24,6 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
 from topokit.core.cloud.neighborhoods import is_flat
-from topokit.core.labels import connected_labels, count_distinct
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -33,6 +32,9 @@ Booleans = NDArray[np.bool_]
 
 FACETS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Vertices of the facet opposite to each vertex of a tetrahedron."""
+
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+"""Vertices of the edges of a tetrahedron."""
 
 _UNITS = 1000  # integer flow units per unit of cost
 _MOST_UNITS = 2**24  # of one edge: their sum over a hundred thousand samples fits SciPy's 32 bits with room to spare
@@ -74,6 +76,16 @@ class DelaunayComplex:
     def surface(self) -> Floats:
         """(T,), surface area of each tetrahedron."""
         return self.facet_area.sum(1)
+
+    @cached_property
+    def edges(self) -> NDArray[np.int32]:
+        """(T, 6), number 0 … E−1 of each edge; the same in all tetrahedra around it."""
+        ends = np.sort(self.tetrahedra[:, EDGES], axis=2)
+        key = (ends[..., 0] * len(self.points) + ends[..., 1]).ravel()
+        order = np.argsort(key)
+        number = np.empty(len(key), dtype=np.int32)
+        number[order] = np.cumsum(np.diff(key[order], prepend=-1) > 0) - 1
+        return number.reshape(-1, 6)
 
 
 @dataclass(frozen=True)
@@ -235,37 +247,3 @@ def separating_facets(complex_: DelaunayComplex, inside: Booleans) -> tuple[Inte
     beyond = np.append(inside, False)[complex_.neighbors]  # index −1 is the appended outside
     tetrahedron, corner = np.nonzero(inside[:, None] & ~beyond)
     return tetrahedron, corner
-
-
-def solid_eulers(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
-    """Euler characteristic of the solid, counted from the closed inside and from the closed outside (with infinity).
-
-    Both are bounded by one surface; where that is a manifold the numbers agree, and its own is twice each.
-    """
-    infinity = np.full((len(complex_.hull), 1), len(complex_.points))
-    outside = np.concatenate((complex_.tetrahedra[~inside], np.concatenate((complex_.hull, infinity), axis=1)))
-    return _closed_euler(complex_.tetrahedra[inside]), _closed_euler(outside)
-
-
-def _closed_euler(tetrahedra: Integers) -> int:
-    """V − E + F − T of the closed union of tetrahedra (T, 4)."""
-    if len(tetrahedra) == 0:
-        return 0
-    ordered = np.sort(tetrahedra, axis=1)
-    base = np.int64(ordered.max() + 1)
-    pairs = [ordered[:, a] * base + ordered[:, b] for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))]
-    triples = [(ordered[:, a] * base + ordered[:, b]) * base + ordered[:, c] for a, b, c in FACETS]
-    n_edges, n_facets = (count_distinct(np.concatenate(keys)) for keys in (pairs, triples))
-    return count_distinct(ordered.ravel()) - n_edges + n_facets - len(ordered)
-
-
-def count_parts(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]:
-    """Number of components of the solid and of its cavities (bounded components of the outside), joined by facets."""
-    count = len(inside)
-    label = np.append(inside, False)
-    here = np.broadcast_to(np.arange(count)[:, None], complex_.neighbors.shape)
-    there = np.where(complex_.neighbors < 0, count, complex_.neighbors)
-    same = label[here] == label[there]
-    part = connected_labels(count + 1, here[same], there[same])
-    n_parts = count_distinct(part[:count][inside]) if inside.any() else 0
-    return n_parts, count_distinct(part[~label]) - 1

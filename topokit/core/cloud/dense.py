@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from topokit.core.cloud.axes import SurfaceAxes, plane_axes
-from topokit.core.cloud.cubes import CubeHierarchy
+from topokit.core.cloud.cubes import CubeHierarchy, curve_order
 from topokit.core.cloud.downsampling import downsample, representatives, thin_along_curve
 from topokit.core.cloud.propagation import Propagation, propagate_signs
 
@@ -37,6 +37,9 @@ _NOISY = 0.17  # thickness over radius of ten neighbors from which noise hides t
 _AVERAGED = (32, 64, 128, 256, 512)  # neighbors over which such noise may be averaged
 _FLAT = 0.15  # thickness over radius below which a neighborhood shows its plane
 _PROBES = 1000  # neighborhoods that decide how many neighbors are needed
+_THINNER = 8  # points of a cloud per point of its thinner copy
+_FEWEST_COPIED = 3_000  # points of the thinnest copy
+_COPIED_PER_SAMPLE = 5  # points of a thinner copy per sample: samples nearer than that only repeat each other
 _ROWS = 1 << 11  # neighborhoods in memory at once
 
 
@@ -97,8 +100,10 @@ class DenseCloud:
         chosen = slice(None, None, -(-len(samples.kept) // most_samples))
         kept, areas = samples.kept[chosen], samples.areas[chosen]
         centers = self.points[kept]
-        n_neighbors = int(np.ceil(np.pi * max(reach) ** 2)) * 2
-        index = self.surface.tree.query(centers, min(n_neighbors, len(self.points)))[1]
+        n_neighbors = min(int(np.ceil(np.pi * max(reach) ** 2)) * 2, len(self.points))
+        index = np.empty((len(kept), n_neighbors), dtype=np.int64)
+        order = curve_order(centers)[0]  # queries near each other are faster
+        index[order] = self.surface.tree.query(centers[order], n_neighbors)[1]
         spacing = np.sqrt(self.surface.areas[kept])[:, None]
         own = normals[kept]
         way = self.points[index] - centers[:, None]
@@ -124,31 +129,44 @@ def is_noisy(surface: SurfaceAxes) -> bool:
     return surface.roughness > _NOISY
 
 
-def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats]:
-    """About 30 000 evenly spread points of a noisy cloud, moved onto planes through many of all its points.
+def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats, bool]:
+    """At most 30 000 evenly spread points of a noisy cloud, moved onto planes through many of its points.
+
+    Where no neighborhood shows a plane, a thinner copy of the cloud is looked at instead: the noise is as large, but
+    neighborhoods of as many points are wider.
 
     Returns:
-        Indices (M,), and positions (M, 3).
+        Indices (M,), positions (M, 3), and whether a thinner copy was needed.
     """
-    kept, _ = downsample(points, MOST_POINTS, "even")
-    n_neighbors = _neighbors_that_show_a_plane(points[kept[:: max(len(kept) // _PROBES, 1)]], tree)
-    moved = np.empty((len(kept), 3))
-    for start in range(0, len(kept), _ROWS):
-        own = points[kept[start : start + _ROWS]]
-        patch = points[tree.query(own, n_neighbors)[1]]
+    copy, most = np.arange(len(points)), MOST_POINTS
+    while True:
+        kept, _ = downsample(points[copy], most, "even")
+        own = points[copy[kept]]
+        n_neighbors, is_plane = _neighbors_that_show_a_plane(own[:: max(len(kept) // _PROBES, 1)], tree)
+        if is_plane or len(copy) < _THINNER * _FEWEST_COPIED:
+            return copy[kept], _on_planes(own, tree, n_neighbors), len(copy) < len(points)
+        copy = copy[thin_along_curve(points[copy], len(copy) // _THINNER)]
+        tree, most = cKDTree(points[copy]), min(MOST_POINTS, len(copy) // _COPIED_PER_SAMPLE)
+
+
+def _on_planes(own: Floats, tree: cKDTree, n_neighbors: int) -> Floats:
+    moved = np.empty_like(own)
+    for start in range(0, len(own), _ROWS):
+        part = own[start : start + _ROWS]
+        patch = tree.data[tree.query(part, n_neighbors)[1]]
         axes, _ = plane_axes(patch)
-        moved[start : start + _ROWS] = own + axes * ((patch.mean(1) - own) * axes).sum(1, keepdims=True)
-    return kept, moved
+        moved[start : start + _ROWS] = part + axes * ((patch.mean(1) - part) * axes).sum(1, keepdims=True)
+    return moved
 
 
-def _neighbors_that_show_a_plane(centers: Floats, tree: cKDTree) -> int:
-    """The fewest neighbors, in powers of two, whose neighborhoods are clearly wider than thick."""
+def _neighbors_that_show_a_plane(centers: Floats, tree: cKDTree) -> tuple[int, bool]:
+    """The fewest neighbors, in powers of two, of neighborhoods clearly wider than thick, and whether there are any."""
     for n_neighbors in _AVERAGED:
         distance, index = tree.query(centers, min(n_neighbors, tree.n))
         _, thickness = plane_axes(tree.data[index])
         if np.median(thickness / distance[:, -1]) < _FLAT:
-            break
-    return n_neighbors
+            return n_neighbors, True
+    return n_neighbors, False
 
 
 def thinned(points: Floats) -> Integers:

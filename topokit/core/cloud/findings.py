@@ -14,7 +14,7 @@ from topokit.core.cloud.wires import WireReading
 
 Floats = NDArray[np.float64]
 SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
-Preparation = Literal["whole", "sampled", "averaged"]
+Preparation = Literal["whole", "sampled", "averaged", "thinned", "wire"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,12 @@ class Signs:
     source: SignSource
     confirmed: float | None
     coverage: float | None
+
+    def apply(self, given: Floats | None) -> Floats | None:
+        """Given normals turned outward as a whole; None if their signs had to be found one by one."""
+        if given is None or self.source not in ("given", "reversed"):
+            return None
+        return given if self.source == "given" else -given
 
 
 @dataclass(frozen=True)
@@ -69,7 +75,9 @@ class Witness:
         seconds: time per stage.
         surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
         preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
-            features are small) or "averaged" (too noisy for that: even samples, each averaged over its neighbors).
+            features are small), "averaged" (too noisy for that: even samples, each averaged over its neighbors),
+            "thinned" (so noisy that only few samples are left, averaged over wide neighborhoods) or "wire"
+            (one-dimensional everywhere: even samples).
         wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
             everywhere, else None.
     """

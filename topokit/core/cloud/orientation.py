@@ -56,6 +56,7 @@ class Orientation:
         costs: of each candidate.
         coverage: share of the samples on the implied solid's surface.
         complex_: the tetrahedra of the samples, for further use.
+        cut: with these normals and the weights by default, if it was made.
     """
 
     normals: Floats
@@ -63,6 +64,7 @@ class Orientation:
     costs: dict[str, float]
     coverage: float
     complex_: DelaunayComplex
+    cut: Cut | None = None
 
 
 def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
@@ -110,10 +112,12 @@ def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local:
     surface, _ = surface_normals(complex_, cut.inside, normals)
     contradicted = float(((surface * normals).sum(1) < 0).mean())
     if contradicted <= _FEW_CONTRADICTED and cut.coverage >= _MOSTLY_COVERED:
-        return Orientation(normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_)
-    candidates = {"propagation": normals, **_resigned(points, normals, patches, local)}
+        return Orientation(normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, cut)
+    others = _resigned(points, normals, patches, local)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        cuts = dict(zip(candidates, threads.map(partial(cut_complex, complex_), candidates.values()), strict=True))
+        found = threads.map(partial(cut_complex, complex_), others.values())
+        cuts = {"propagation": cut, **dict(zip(others, found, strict=True))}
+    candidates = {"propagation": normals, **others}
     is_clean = max(one.coverage for one in cuts.values()) >= _INTERPOLATING
     costs = {name: _cost(one, _COVERAGE_POWER if is_clean else 1.0) for name, one in cuts.items()}
     best = min(costs, key=lambda candidate: costs[candidate])

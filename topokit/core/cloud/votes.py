@@ -11,21 +11,15 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import (
-    Cut,
-    CutWeights,
-    DelaunayComplex,
-    cut_complex,
-    delaunay_complex,
-    solid_eulers,
-)
+from topokit.core.cloud.cut_counts import solid_eulers
+from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_geometry
@@ -36,7 +30,7 @@ from topokit.core.grid.winding_field import winding_field
 Floats = NDArray[np.float64]
 Family = Literal["cut", "smooth cut", "coarse cut", "field"]
 
-CUT_SETTINGS = (CutWeights(0.5, 3.0, 4.0), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
+CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
 SMOOTH_SETTINGS = CUT_SETTINGS[:2]
 FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
 """Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
@@ -132,7 +126,12 @@ def gather_votes(
 
 
 def gather_dense_votes(
-    cloud: DenseCloud, normals: Floats, samples: Samples, local: LocalGeometry, complex_: DelaunayComplex
+    cloud: DenseCloud,
+    normals: Floats,
+    samples: Samples,
+    local: LocalGeometry,
+    complex_: DelaunayComplex,
+    first: Cut | None = None,
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
     """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.
 
@@ -142,36 +141,37 @@ def gather_dense_votes(
         samples: those that the tetrahedra are made of.
         local: neighborhoods of the samples.
         complex_: Delaunay tetrahedra of the samples.
+        first: the cut of the first setting, if it was made already.
 
     Returns:
         As for `gather_votes`.
     """
-    few = cloud.samples(len(samples.kept) // 2).kept
-    chosen = normals[samples.kept]
+    few, chosen = cloud.samples(len(samples.kept) // 2).kept, normals[samples.kept]
+    part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), float(np.quantile(local.spacings, _FINEST))
+    areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
+    spacings = local_geometry(cloud.points[few]).spacings
+    cuts, fields = [], []
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        cuts = [threads.submit(cut_complex, complex_, chosen, weights) for weights in CUT_SETTINGS]
-        spacings = local_geometry(cloud.points[few]).spacings
         coarse = threads.submit(_cut_votes, "coarse cut", cloud.points[few], normals[few], spacings)
-        finest = float(np.quantile(local.spacings, _FINEST))
-        part = thin_along_curve(cloud.points, _MOST_IN_FIELD)
-        areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
-        fields = [
-            threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k)
-            for k in range(len(FIELD_SETTINGS))
-            if _field_grid(cloud.points[part], finest, k).cell <= finest
-        ]
-        first, others = cuts[0].result(), [cut.result() for cut in cuts]
-        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(others)]
+        for k, weights in enumerate(CUT_SETTINGS):  # in turn: flows hold the interpreter's lock, fields do not
+            if _field_grid(cloud.points[part], finest, k).cell <= finest:
+                fields.append(threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k))
+            if k > 0 or first is None:
+                cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
+        quality = _dense_quality(cloud, normals, samples)
+        made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
+        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
         votes += [*coarse.result(), *(field.result() for field in fields)]
-    return tuple(votes), _dense_quality(cloud, normals, samples, first), first
+    return tuple(votes), replace(quality, coverage=made[0].coverage), made[0]
 
 
-def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, cut: Cut) -> SampleQuality:
+def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> SampleQuality:
+    """All but the coverage, which the first cut tells."""
     near, wide = cloud.crowded_shares(samples, normals, CROWDED_REACH)
     coarser = CROWDED_REACH[0] * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
     (boundary,) = cloud.crowded_shares(samples, normals, (coarser,), most_samples=_PROBES)
     opposed = cloud.disagreement(normals)
-    return SampleQuality(cut.coverage, opposed, cloud.surface.roughness, near, wide, boundary)
+    return SampleQuality(0.0, opposed, cloud.surface.roughness, near, wide, boundary)
 
 
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:

@@ -73,7 +73,7 @@ def read_wire(points: Floats) -> WireReading | None:
         points: (N, 3), distinct, not in a plane.
     """
     started = time.perf_counter()
-    narrowness = segment_narrowness(points)
+    narrowness = segment_narrowness(points, cKDTree(points))
     if min(narrowness, default=1.0) > _NARROW:
         return None
     kept, spacing = _without_stray_points(points)
@@ -98,16 +98,25 @@ def read_wire(points: Floats) -> WireReading | None:
     )
 
 
-def segment_narrowness(points: Floats) -> tuple[float, ...]:
+def looks_narrow(points: Floats, tree: cKDTree) -> bool:
+    """Whether some neighborhoods of points (N, 3) are one-dimensional, so that the cloud may be a wire."""
+    return min(segment_narrowness(points, tree), default=1.0) <= _NARROW
+
+
+def segment_narrowness(points: Floats, tree: cKDTree) -> tuple[float, ...]:
     """Median ratio of the second to the first variance of neighborhoods of 25, 50 and 100 points.
 
     Sizes of which the cloud (N, 3) does not hold twenty are left out, so the tuple is empty for N < 500.
+
+    Args:
+        points: (N, 3).
+        tree: of the points.
     """
     sizes = [size for size in _SIZES if size * _PARTS <= len(points)]
     if not sizes:
         return ()
     probes = points[:: max(1, len(points) // _PROBES)]
-    nearest = cKDTree(points).query(probes, sizes[-1] + 1)[1]
+    nearest = tree.query(probes, sizes[-1] + 1)[1]
     return tuple(_median_narrowness(points[nearest[:, : size + 1]]) for size in sizes)
 
 

@@ -6,7 +6,8 @@ It returns numbers; `topokit.report.verdict` decides how far they may be believe
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,33 +15,24 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.cubes import curve_order
+from topokit.core.cloud.cut_counts import count_parts
 from topokit.core.cloud.cut_surface import cut_surface
-from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, count_parts, delaunay_complex
-from topokit.core.cloud.dense import (
-    MOST_POINTS,
-    SAMPLES,
-    DenseCloud,
-    averaged,
-    dense_cloud,
-    is_noisy,
-    thinned,
-)
+from topokit.core.cloud.dense import thinned
 from topokit.core.cloud.downsampling import distinct
-from topokit.core.cloud.findings import Preparation, Signs, SignSource, SmoothedLook, Witness
+from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
+from topokit.core.cloud.looks import Cloud, Look, look_at, stage_seconds
 from topokit.core.cloud.neighborhoods import (
     FEWEST_POINTS,
-    LocalGeometry,
     centered_positions,
-    compatible_areas,
-    local_geometry,
     project_to_planes,
     turned_towards,
     unit,
 )
-from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
-from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
-from topokit.core.cloud.wires import WireReading, read_wire
+from topokit.core.cloud.votes import tally
+from topokit.core.cloud.wires import WireReading
+from topokit.core.kd_tree import nearest_in_tree
+from topokit.core.stages import stages
 from topokit.core.threads import one_thread
 from topokit.errors import InputError
 
@@ -53,59 +45,10 @@ _ROUGH = 0.5  # roughness from which a cloud may be looked at again, smoothed
 _WIDE = 64  # neighbors of that smoothing
 _CONTRADICTION = 0.5  # agreement below which the second look is taken
 _UNANIMOUS = 0.9  # agreement of the smoothed cloud from which its integer is taken over
+_QUERIES = 1 << 20  # points whose nearest neighbors are looked up at once
 _SMALLEST_FEATURE = 2.5  # sample spacings that a feature must measure to be seen in clean samples
 _BLUR = 2.0  # by how many spacings more for each spacing of roughness beyond that of clean samples
 _CLEAN = 0.15  # roughness of clean samples of curved surfaces
-_SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
-_FINEST = 0.1  # share of the samples of a large cloud whose spacing may be finer than the stated one
-
-
-@dataclass(frozen=True, eq=False)
-class _Cloud:
-    """Distinct points ready to be looked at: centered and scaled.
-
-    Attributes:
-        points: (N, 3), in units of `unit_length`.
-        normals: (N, 3), unit, or None.
-        areas: (N,), area per point, or None.
-        oriented: whether the signs of the normals mean anything.
-    """
-
-    points: Floats
-    normals: Floats | None
-    areas: Floats | None
-    oriented: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """What one look at a cloud found.
-
-    Attributes:
-        signs: where the outward directions came from.
-        normals: (N, 3), unit, outward, of all points of the cloud.
-        votes: with the quality of the samples and the first cut.
-        quality: see there.
-        cut: see there.
-        complex_: tetrahedra of the samples.
-        kept: (M,), indices of the samples in the cloud.
-        spacing: typical distance between samples.
-        finest: that of the finest samples.
-        turned: when the normals were found.
-        wire: the reading as a thickened graph, or None; large clouds are not read in this way.
-    """
-
-    signs: Signs
-    normals: Floats
-    votes: tuple[Vote, ...]
-    quality: SampleQuality
-    cut: Cut
-    complex_: DelaunayComplex
-    kept: Integers
-    spacing: float
-    finest: float
-    turned: float
-    wire: WireReading | None = None
 
 
 @one_thread()
@@ -115,7 +58,7 @@ def global_witness(
     areas: Tensor | None = None,
     *,
     oriented: bool = True,
-    may_smooth: bool = True,
+    may_smooth: Callable[[], bool] | None = None,
 ) -> Witness:
     """The global evidence about a cloud's closed surface.
 
@@ -130,7 +73,8 @@ def global_witness(
         areas: (N,), surface area that each sample stands for; estimated from the neighbors if None.
         oriented: whether the signs of the normals mean anything; if not, the normals are axes and their signs are
             found.
-        may_smooth: whether a cloud that is noisier than its spacing may be looked at again, smoothed.
+        may_smooth: asked whether a cloud that is noisier than its spacing may be looked at again, smoothed; by default
+            it may.
 
     Raises:
         InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or coinciding, and for
@@ -146,11 +90,10 @@ def global_witness(
         raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
     kept = chosen[first]
     summed = None if scaled is None else _summed(scaled[chosen], owner, len(positions) / len(chosen))
-    cloud = _Cloud(positions[kept], None if given is None else given[kept], summed, oriented)
-    look, preparation, used_points = _look(cloud)
+    with stages(stage_seconds(len(kept))):
+        look = look_at(Cloud(positions[kept], None if given is None else given[kept], summed, oriented))
     components, cavities = count_parts(look.complex_, look.cut.inside)
     euler, agreement = tally(look.votes)
-    surface = cut_surface(look.complex_, look.cut.inside, euler)
     quality = look.quality
     witness = Witness(
         euler=euler,
@@ -170,101 +113,42 @@ def global_witness(
             "orientation": look.turned - start,
             "votes": time.perf_counter() - look.turned,
         },
-        surface=replace(surface, points=kept[look.kept][surface.points]),
-        preparation=preparation,
+        surface=None,
+        preparation=look.preparation,
     )
     if look.wire is not None:
         return _as_wire(witness, look.wire)
-    return _second_look(witness, used_points) if may_smooth else witness
+    surface = cut_surface(look.complex_, look.cut.inside, euler)
+    witness = replace(witness, surface=replace(surface, points=kept[look.kept][surface.points]))
+    return _second_look(witness, look.points, may_smooth)
 
 
-def _look(cloud: _Cloud) -> tuple[_Look, Preparation, Floats]:
-    """A look at all points, at samples where features are small, or at averages; and the points that were used."""
-    if len(cloud.points) <= MOST_POINTS:
-        return _look_at_all(cloud), "whole", cloud.points
-    surface = surface_axes(cloud.points)
-    if not is_noisy(surface):
-        axes = surface.axes if cloud.normals is None else cloud.normals
-        areas = surface.areas if cloud.areas is None else cloud.areas
-        look = _look_at_samples(dense_cloud(cloud.points, replace(surface, axes=axes, areas=areas)), cloud)
-        return look, "sampled", cloud.points[look.kept]
-    kept, moved = averaged(cloud.points, surface.tree)
-    part = _Cloud(moved, None if cloud.normals is None else cloud.normals[kept], None, cloud.oriented)
-    look = _look_at_all(part)
-    nearest = cKDTree(moved).query(cloud.points, workers=-1)[1]
-    return replace(look, kept=kept[look.kept], normals=look.normals[nearest]), "averaged", moved
-
-
-def _look_at_all(cloud: _Cloud) -> _Look:
-    local = local_geometry(cloud.points, cloud.areas)
-    wire = read_wire(cloud.points)
-    signs, outward, complex_ = _outward(cloud, local, wire)
-    turned = time.perf_counter()
-    weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
-    votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
-    spacing = float(np.sqrt(weights.mean()))
-    every = np.arange(len(cloud.points))
-    return _Look(signs, outward, votes, quality, cut, complex_, every, spacing, spacing, turned, wire)
-
-
-def _look_at_samples(dense: DenseCloud, cloud: _Cloud) -> _Look:
-    samples = dense.samples(SAMPLES)
-    points, axes = dense.points[samples.kept], dense.propagation.normals[samples.kept]
-    local = local_geometry(points, samples.areas, axes)
-    found = orient_by_patches(points, axes, dense.propagation.patches[samples.kept], local)
-    source: SignSource = "none" if cloud.normals is None else "axes"
-    confirmed = None
-    normals = dense.propagation.normals * np.where((found.normals * axes).sum(1) < 0, -1.0, 1.0)[samples.owner, None]
-    if cloud.normals is not None and cloud.oriented:
-        kind, confirmed = compare_normals(cloud.normals[samples.kept], found)
-        source = _SOURCES[kind]
-    signs = Signs(source, confirmed, found.coverage if source in ("none", "axes", "contradictory") else None)
-    if cloud.normals is not None and source in ("given", "reversed"):
-        normals = cloud.normals if source == "given" else -cloud.normals
-    turned = time.perf_counter()
-    votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_)
-    spacing, finest = np.quantile(local.spacings, (0.5, _FINEST))
-    return _Look(
-        signs, normals, votes, quality, cut, found.complex_, samples.kept, float(spacing), float(finest), turned
-    )
-
-
-def _outward(cloud: _Cloud, local: LocalGeometry, wire: WireReading | None) -> tuple[Signs, Floats, DelaunayComplex]:
-    """Outward normals (N, 3) of all points, where their signs came from, and the tetrahedra built on the way."""
-    given = cloud.normals
-    source: SignSource = "none" if given is None else "axes"
-    confirmed = None
-    if given is not None and cloud.oriented:
-        complex_ = delaunay_complex(cloud.points, local.spacings)
-        kind, confirmed = check_normals(cloud.points, given, compatible_areas(given, local), local, complex_)
-        if kind != "mixed":
-            source, sign = ("given", 1.0) if kind == "outward" else ("reversed", -1.0)
-            return Signs(source, confirmed, None), sign * given, complex_
-        source = "contradictory"
-    if wire is not None:
-        outward = wire.normals if given is None else turned_towards(given, wire.normals)
-        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings)
-    found = orient_samples(cloud.points, local)
-    outward = found.normals if given is None else turned_towards(given, found.normals)
-    return Signs(source, confirmed, found.coverage), outward, found.complex_
-
-
-def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: _Look) -> Floats:
+def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: Look) -> Floats:
     """Outward unit normals (N, 3) for all points, from those of the distinct ones among the chosen."""
-    if given is not None and look.signs.source in ("given", "reversed"):
-        return given if look.signs.source == "given" else -given
+    outward = look.signs.apply(given)
+    if outward is not None:
+        return outward
     normals = look.normals[owner]
     if len(chosen) < len(positions):
-        normals = normals[cKDTree(positions[chosen]).query(positions, workers=-1)[1]]
+        normals = normals[_nearest(positions[chosen], positions)]
     return normals if given is None else turned_towards(given, normals)
+
+
+def _nearest(targets: Floats, points: Floats) -> Integers:
+    """Index of the nearest target (M, 3) of every point (N, 3)."""
+    tree = cKDTree(targets, balanced_tree=False, compact_nodes=False)
+    found = np.empty(len(points), dtype=np.int64)
+    for rows in np.array_split(curve_order(points)[0], -(-len(points) // _QUERIES)):  # near each other: twice as fast
+        found[rows] = nearest_in_tree(tree, points[rows], 1)
+    return found
 
 
 def _as_wire(witness: Witness, wire: WireReading) -> Witness:
     """The same evidence with the integer of a thickened graph."""
-    return replace(witness, euler=wire.euler, components=wire.components, cavities=0, surface=None, wire=wire)
+    return replace(witness, euler=wire.euler, components=wire.components, cavities=0, wire=wire)
 
 
-def _second_look(witness: Witness, points: Floats) -> Witness:
+def _second_look(witness: Witness, points: Floats, may_smooth: Callable[[], bool] | None) -> Witness:
     """Where noise exceeds the spacing and the votes contradict each other, look again at smoothed points.
 
     The points are projected onto the planes of wide neighborhoods. Their integer is taken over if nearly all votes then
@@ -273,7 +157,10 @@ def _second_look(witness: Witness, points: Floats) -> Witness:
     noisy = witness.quality.roughness >= _ROUGH and witness.agreement < _CONTRADICTION
     if not noisy or len(points) <= _WIDE or witness.preparation == "sampled":
         return witness
-    again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=False)
+    if may_smooth is not None and not may_smooth():
+        return witness
+    with stages({}):  # nobody is told again of the same stages
+        again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=lambda: False)
     if again.agreement < _UNANIMOUS or again.wire is not None:
         return witness
     return replace(

@@ -21,14 +21,40 @@ from scipy import ndimage
 from torch import Tensor
 
 from topokit.core.components import CountedComponents, genus_of
-from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, as_grid, critical_index, dual_connectivity, solid_euler
-from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.euler import (
+    DEFAULT_CONNECTIVITY,
+    as_grid,
+    critical_index,
+    dual_connectivity,
+    solid_euler,
+    surface_euler,
+)
+from topokit.core.grid.grid import Grid
 from topokit.errors import InputError
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class CountedVolume:
+    """What is counted in a whole volume.
+
+    Attributes:
+        surfaces: the connected closed surfaces of the solid, largest area first.
+        euler: χ of the surface.
+        dual_euler: χ of the surface of the same voxels under the other connectivity.
+        n_inside: number of voxels of the solid.
+        touched: for each axis, whether the solid is cut by the first and by the last layer.
+    """
+
+    surfaces: CountedComponents
+    euler: int
+    dual_euler: int
+    n_inside: int
+    touched: tuple[tuple[bool, bool], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,14 +87,6 @@ class _AdjacencyTree:
         critical = np.flatnonzero((index != 0) & mask.ravel())
         sums = np.bincount(self.labels.ravel()[critical], weights=index[critical], minlength=self.count)
         return sums.astype(np.int64)
-
-    def depths(self) -> Integers:
-        """Number of nodes above each node."""
-        depth, above = np.zeros(self.count, dtype=np.int64), self.parent
-        while (has_parent := above >= 0).any():
-            depth += has_parent
-            above = np.where(has_parent, self.parent[above], -1)
-        return depth
 
 
 def betti_numbers(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int = DEFAULT_CONNECTIVITY) -> Tensor:
@@ -143,22 +161,66 @@ def grid_surfaces(inside: Tensor, connectivity: int, grid: Grid) -> CountedCompo
     box = occupied_box(inside)
     padded = np.pad(inside[tuple(slice(*span) for span in box)].cpu().numpy(), 1)
     tree = _adjacency_tree(padded, connectivity)
-    depth = tree.depths()
-    euler = _wall_eulers(tree, depth)
-    areas = _wall_areas(tree, depth, grid.spacing)
-    low, high = _corners(tree, grid, [first - 1 for first, _ in box])
+    depth = depths(tree.parent)
+    low, high = _spans(tree, [first - 1 for first, _ in box])
+    voxels = np.bincount(tree.labels.ravel(), minlength=tree.count)
+    return ranked_surfaces(tree.parent, _wall_eulers(tree, depth), _wall_faces(tree, depth), low, high, voxels, grid)
+
+
+def ranked_surfaces(
+    parent: Integers, euler: Integers, faces: Integers, low: Integers, high: Integers, voxels: Integers, grid: Grid
+) -> CountedComponents:
+    """The outer walls of the nodes of an adjacency tree, largest area first.
+
+    Args:
+        parent: (N,) of every node; that of node 0, the outside, is −1. Nodes of the background come first.
+        euler: (N,) χ of their outer walls.
+        faces: (N, 3) faces between voxels in these walls, across each axis.
+        low: (N, 3) first voxel of each node along each axis.
+        high: (N, 3) last + 1.
+        voxels: (N,) in each node.
+        grid: where the centers of the voxels are.
+    """
+    depth = depths(parent)
+    steps = np.asarray(grid.spacing) / max(grid.spacing)
+    areas = np.zeros(len(parent))
+    for axis in range(3):
+        areas += faces[:, axis] * (np.prod(steps) / steps[axis])
     ranked = 1 + np.argsort(-areas[1:], kind="stable")
-    rank = np.full(tree.count, -1)
+    rank = np.full(len(parent), -1)
     rank[ranked] = np.arange(len(ranked))
+    origin, spacing = np.asarray(grid.origin), np.asarray(grid.spacing)
     return CountedComponents(
-        euler=euler[ranked],
-        genera=genus_of(euler[ranked]),
-        boundary_loops=np.zeros_like(ranked),
-        low=low[ranked],
-        high=high[ranked],
-        area_shares=areas[ranked] / areas.sum(),
-        inside=rank[tree.parent[ranked]],
-        depths=depth[ranked] - 1,
+        euler[ranked],
+        genus_of(euler[ranked]),
+        np.zeros_like(ranked),
+        origin + spacing * (low[ranked] - 0.5),
+        origin + spacing * (high[ranked] - 0.5),
+        areas[ranked] / areas.sum(),
+        rank[parent[ranked]],
+        depth[ranked] - 1,
+        voxels[ranked] * np.prod(spacing),
+    )
+
+
+def depths(parent: Integers) -> Integers:
+    """Number of nodes above each node of a tree that is given by the parents, −1 at the root."""
+    depth, above = np.zeros(len(parent), dtype=np.int64), parent
+    while (has_parent := above >= 0).any():
+        depth += has_parent
+        above = np.where(has_parent, parent[above], -1)
+    return depth
+
+
+def counted_in_memory(inside: Tensor, connectivity: int, grid: Grid) -> CountedVolume:
+    """What is counted in a solid (X, Y, Z) bool; arguments as for `grid_surfaces`."""
+    ends = [[bool(inside.select(axis, end).any()) for end in (0, -1)] for axis in range(3)]
+    return CountedVolume(
+        grid_surfaces(inside, connectivity, grid),
+        euler=int(surface_euler(inside, 0, connectivity)),
+        dual_euler=int(surface_euler(inside, 0, dual_connectivity(connectivity))),
+        n_inside=int(inside.sum()),
+        touched=tuple((first, last) for first, last in ends),
     )
 
 
@@ -203,24 +265,25 @@ def _wall_eulers(tree: _AdjacencyTree, depth: Integers) -> Integers:
     return euler
 
 
-def _wall_areas(tree: _AdjacencyTree, depth: Integers, spacing: Spacing) -> Floats:
-    """Area of the voxel faces between every node and its parent, in squares of the largest step."""
-    areas = np.zeros(tree.count)
-    steps = np.asarray(spacing) / max(spacing)
+def _wall_faces(tree: _AdjacencyTree, depth: Integers) -> Integers:
+    """Number of voxel faces (count, 3) across each axis between every node and its parent."""
+    faces = np.zeros((tree.count, 3), dtype=np.int64)
     for axis in range(3):
         layers = np.moveaxis(tree.labels, axis, 0)
         differ = layers[:-1] != layers[1:]
         lower, upper = layers[:-1][differ], layers[1:][differ]
         child = np.where(depth[lower] > depth[upper], lower, upper)
-        areas += np.bincount(child, minlength=tree.count) * (np.prod(steps) / steps[axis])
-    return areas
+        faces[:, axis] = np.bincount(child, minlength=tree.count)
+    return faces
 
 
-def _corners(tree: _AdjacencyTree, grid: Grid, first: list[int]) -> tuple[Floats, Floats]:
-    """Lowest and highest corners (count, 3) of every node's voxels; `first`: grid index of the tree's first voxel."""
-    spans = np.array([[(span.start, span.stop) for span in box] for box in ndimage.find_objects(tree.labels + 1)])
-    places = np.asarray(grid.origin) + np.asarray(grid.spacing) * (spans.swapaxes(1, 2) + (np.asarray(first) - 0.5))
-    return places[:, 0], places[:, 1]
+def _spans(tree: _AdjacencyTree, first: list[int]) -> tuple[Integers, Integers]:
+    """First and last + 1 voxel (count, 3) of every node; `first`: grid index of the tree's first voxel."""
+    found: Integers = np.array(
+        [[(span.start, span.stop) for span in box] for box in ndimage.find_objects(tree.labels + 1)]
+    )
+    offset = np.asarray(first)
+    return found[..., 0] + offset, found[..., 1] + offset
 
 
 def _label(mask: Bools, connectivity: int) -> tuple[Labels, int]:

@@ -32,6 +32,11 @@ def label_boxes(labels: Tensor) -> dict[int, Box]:
         InputError: if a value is not a whole number.
     """
     values = labels.detach().cpu().numpy()
+    return {label: widened(box, values.shape) for label, box in sorted(tight_boxes(values).items())}
+
+
+def tight_boxes(values: NDArray[Any]) -> dict[int, Box]:
+    """The box of every label but 0, without anything around it; arguments and errors as for `label_boxes`."""
     if values.dtype.kind == "f":
         values = _as_integers(values)
     names, index = None, values
@@ -40,7 +45,13 @@ def label_boxes(labels: Tensor) -> dict[int, Box]:
         index = index.reshape(values.shape) + 1
     found = ndimage.find_objects(index.astype(np.int32, copy=False))
     boxes = {int(names[k] if names is not None else k + 1): box for k, box in enumerate(found) if box is not None}
-    return {label: _widened(box, values.shape) for label, box in boxes.items() if label != 0}
+    return {label: box for label, box in boxes.items() if label != 0}
+
+
+def joined_boxes(one: dict[int, Box], other: dict[int, Box]) -> dict[int, Box]:
+    """The boxes of the labels of two parts of a volume."""
+    both = {label: _around(one[label], other[label]) for label in one.keys() & other.keys()}
+    return one | other | both
 
 
 def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
@@ -53,6 +64,12 @@ def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
     return whole.astype(np.int64)
 
 
-def _widened(box: Box, shape: tuple[int, ...]) -> Box:
+def _around(one: Box, other: Box) -> Box:
+    x, y, z = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
+    return x, y, z
+
+
+def widened(box: Box, shape: tuple[int, ...]) -> Box:
+    """The box with one layer of voxels around it where a volume of this shape goes on."""
     x, y, z = (slice(max(0, side.start - 1), min(n, side.stop + 1)) for side, n in zip(box, shape, strict=True))
     return x, y, z

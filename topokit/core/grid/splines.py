@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -19,11 +20,33 @@ _BLOCK = 1 << 16  # points whose 27 weights and slopes are held at once
 
 @dataclass(frozen=True, eq=False)
 class _Stencil:
-    """Weights of n points on the grid: flat `index` (n, 27), `weight` (n, 27), `slope` (n, 27, 3) in 1/length."""
+    """The 27 grid vertices around each of n points, and the splines' values there.
+
+    Attributes:
+        index: (n, 27), flat index of the vertices.
+        axis_weight: per axis (n, 3), the spline's value at the three vertices along it.
+        axis_slope: the same for its derivative, in 1/length.
+    """
 
     index: Tensor
-    weight: Tensor
-    slope: Tensor
+    axis_weight: tuple[Tensor, ...]
+    axis_slope: tuple[Tensor, ...]
+
+    @cached_property
+    def weight(self) -> Tensor:
+        """(n, 27), the splines' values."""
+        return _product(*self.axis_weight)
+
+    @cached_property
+    def slope(self) -> Tensor:
+        """(n, 27, 3), their gradients in 1/length."""
+        (wx, wy, wz), (sx, sy, sz) = self.axis_weight, self.axis_slope
+        return torch.stack((_product(sx, wy, wz), _product(wx, sy, wz), _product(wx, wy, sz)), dim=2)
+
+    def complete(self) -> _Stencil:
+        """Compute all values now, with or without gradients as now, and not when they are first used."""
+        _ = self.weight, self.slope
+        return self
 
 
 class GridSampler:
@@ -37,7 +60,7 @@ class GridSampler:
         """Args: points (N, 3), any float dtype and device; grid: of cubes, around the points."""
         self.points = points
         self.grid = grid
-        self._kept = _stencil(points, grid) if len(points) <= _BLOCK else None
+        self._kept = _stencil(points, grid).complete() if len(points) <= _BLOCK else None
 
     def splat(self, values: Tensor) -> Tensor:
         """Σᵢ vᵢ φ(x − pᵢ): values (N,) → field of the grid's shape. Adjoint of `gather`."""
@@ -85,13 +108,10 @@ def _stencil(points: Tensor, grid: Grid) -> _Stencil:
     base = [vertex.clamp(1, size - 2) for vertex, size in zip(nearest.long().unbind(1), grid.shape, strict=True)]
     weight = torch.stack((0.5 * (0.5 - offset) ** 2, 0.75 - offset**2, 0.5 * (0.5 + offset) ** 2), dim=1)  # (n, 3, 3)
     slope = torch.stack((offset - 0.5, -2.0 * offset, offset + 0.5), dim=1) / grid.cell
-    wx, wy, wz = weight.unbind(2)  # (n, 3 nodes) each
-    sx, sy, sz = slope.unbind(2)
     step = torch.arange(-1, 2, device=points.device)
     ix, iy, iz = (vertex[:, None] + step for vertex in base)
     index = (ix[:, :, None, None] * grid.shape[1] + iy[:, None, :, None]) * grid.shape[2] + iz[:, None, None, :]
-    slopes = torch.stack((_product(sx, wy, wz), _product(wx, sy, wz), _product(wx, wy, sz)), dim=2)
-    return _Stencil(index.reshape(-1, 27), _product(wx, wy, wz), slopes)
+    return _Stencil(index.reshape(-1, 27), weight.unbind(2), slope.unbind(2))
 
 
 def _product(first: Tensor, second: Tensor, third: Tensor) -> Tensor:

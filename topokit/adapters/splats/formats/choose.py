@@ -18,6 +18,7 @@ from topokit.adapters.splats.formats.table import CONVERTER, SplatTable
 from topokit.errors import UnknownFormatError
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading
+from topokit.inputs.unpacking import unpacked
 
 _READERS: dict[Format, Callable[[Path], SplatTable]] = {
     "ply": read_ply,
@@ -38,6 +39,13 @@ def read_splats(path: Path) -> SplatTable:
         ReadError: if the file is malformed.
         MissingDependencyError: if the format needs a package that is not installed.
     """
+    if format_by_content(path) == "spz":  # which is a gzip file of its own
+        return _read(path)
+    with unpacked(path) as plain:
+        return _read(plain)
+
+
+def _read(path: Path) -> SplatTable:
     name = format_by_content(path) or _format_by_suffix(path)
     with reading(path, f"the .{name} reader"), np.errstate(all="ignore"):  # what overflows is dropped and counted
         return _READERS[name](path)

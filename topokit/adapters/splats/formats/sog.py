@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import existing_file, head
+from topokit.inputs.beside import file_beside
+from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
 Pixels = NDArray[np.uint8]
@@ -45,7 +46,7 @@ def read_sog(path: Path) -> SplatTable:
 
 
 def _from_folder(path: Path, name: str) -> bytes:
-    file = existing_file(path if name == _META else path.parent / name)
+    file = path if name == _META else file_beside(path, name)
     size = file.stat().st_size
     if name == _META and size > _LONGEST_META:
         raise ReadError(f"{file} has {size} bytes; a .sog's meta.json has at most {_LONGEST_META}.")

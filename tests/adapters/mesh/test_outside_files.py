@@ -1,0 +1,171 @@
+"""Nothing outside the given file is opened, and no small file grows: references, links, XML entities, nested scenes."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from intact_files import glb_of, gltf_parts, three_mf_members, zip_members
+
+from topokit.adapters.mesh.files import read_mesh
+from topokit.errors import ReadError
+
+ITEM = '<item objectid="2"/>'
+LAUGHS = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">{}]>'.format(
+    "".join(f'<!ENTITY {chr(98 + n)} "{("&" + chr(97 + n) + ";") * 10}">' for n in range(9))
+)
+
+
+def scene() -> tuple[dict[str, Any], bytes]:
+    return gltf_parts(np.random.default_rng(0))
+
+
+def read_gltf(folder: Path, description: object) -> tuple[Any, Any]:
+    (folder / "scene.gltf").write_text(json.dumps(description))
+    return read_mesh(folder / "scene.gltf")
+
+
+def test_buffers_in_the_folder_of_a_gltf_are_read(tmp_path: Path) -> None:
+    description, buffer = scene()
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "my mesh.bin").write_bytes(buffer)
+    description["buffers"][0]["uri"] = "parts/my%20mesh.bin"
+    _, faces = read_gltf(tmp_path, description)
+    assert len(faces) == 2 * description["accessors"][1]["count"] / 3
+
+
+@pytest.mark.parametrize(
+    "uri",
+    ["../secret.bin", "%2e%2e/secret.bin", "{folder}/secret.bin", "file://{folder}/secret.bin", "link.bin", "a\\b"],
+)
+def test_buffers_elsewhere_are_not_opened(uri: str, tmp_path: Path) -> None:
+    description, buffer = scene()
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "secret.bin").write_bytes(buffer)
+    (tmp_path / "inner" / "link.bin").symlink_to(tmp_path / "secret.bin")
+    description["buffers"][0]["uri"] = uri.format(folder=tmp_path)
+    with pytest.raises(ReadError, match="which is not in its folder: it is not opened"):
+        read_gltf(tmp_path / "inner", description)
+
+
+def test_textures_and_materials_are_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    description, buffer = scene()
+    description |= {"images": [{"uri": "secret.png"}], "textures": [{"source": 0}]}
+    description["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+    description["meshes"][0]["primitives"][0]["material"] = 0
+    files = {
+        "f.glb": glb_of(description, buffer),
+        "f.obj": b"mtllib secret.png\nusemtl x\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+        "f.ply": b"ply\nformat ascii 1.0\ncomment TextureFile secret.png\nelement vertex 3\nproperty float x\n"
+        b"property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    }
+    (tmp_path / "secret.png").write_bytes(b"not to be opened")
+    opened: list[str] = []
+    usual = io.open
+
+    def watched(file: Any, *rest: Any, **more: Any) -> Any:
+        opened.append(str(file))
+        return usual(file, *rest, **more)
+
+    monkeypatch.setattr("builtins.open", watched)
+    monkeypatch.setattr("io.open", watched)
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        assert len(read_mesh(tmp_path / name)[1]) > 0
+    assert not [name for name in opened if "secret" in name]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "message"),
+    [
+        ([{"children": [n + 1, n + 1]} for n in range(40)] + [{"mesh": 0}], "two parents"),
+        ([{"children": [1]}, {"children": [0]}], "two parents"),
+        ([{"children": [1, 2]}, {"children": [3]}, {"children": [3]}, {"mesh": 0}], "two parents"),
+    ],
+)
+def test_nodes_that_are_no_tree_are_refused(nodes: list[object], message: str, tmp_path: Path) -> None:
+    description, buffer = scene()
+    (tmp_path / "f.glb").write_bytes(glb_of(description | {"nodes": nodes}, buffer))
+    with pytest.raises(ReadError, match=message):
+        read_mesh(tmp_path / "f.glb")
+
+
+def test_numbers_that_no_buffer_holds_are_refused(tmp_path: Path) -> None:
+    description, buffer = scene()
+    description["accessors"][0] = {"componentType": 5126, "count": 10**9, "type": "VEC3"}
+    (tmp_path / "f.glb").write_bytes(glb_of(description, buffer))
+    with pytest.raises(ReadError, match="announces content of 12000"):
+        read_mesh(tmp_path / "f.glb")
+    shared, buffer = scene()
+    shared["accessors"] = [dict(shared["accessors"][0], count=10**6) for _ in range(1000)]
+    (tmp_path / "f.glb").write_bytes(glb_of(shared, buffer))
+    with pytest.raises(ReadError, match="announces content of"):
+        read_mesh(tmp_path / "f.glb")
+
+
+def write_3mf(path: Path, change: Any) -> None:
+    members = three_mf_members(np.random.default_rng(0))
+    model = members["3D/3dmodel.model"].decode()
+    path.write_bytes(zip_members({**members, "3D/3dmodel.model": change(model).encode()}))
+
+
+def test_components_that_multiply_are_refused(tmp_path: Path) -> None:
+    def doubled(model: str) -> str:
+        inner = '<component objectid="{0}"/><component objectid="{0}"/>'
+        objects = (f'<object id="{n}"><components>{inner.format(n - 1)}</components></object>' for n in range(2, 50))
+        before, after = model.index('<object id="2">'), model.index("</resources>")
+        return model[:before] + "".join(objects) + model[after:].replace(ITEM, '<item objectid="49"/>')
+
+    write_3mf(tmp_path / "f.3mf", doubled)
+    with pytest.raises(ReadError, match="hold each other more than 65536 times"):
+        read_mesh(tmp_path / "f.3mf")
+    write_3mf(tmp_path / "f.3mf", lambda model: model.replace('objectid="1"', 'objectid="2"'))
+    with pytest.raises(ReadError, match="hold each other"):
+        read_mesh(tmp_path / "f.3mf")
+
+
+@pytest.mark.parametrize("place", ["<build>", 'type="model"'])
+def test_xml_entities_do_not_grow(place: str, tmp_path: Path) -> None:
+    def with_laughs(model: str) -> str:
+        start = model.index("?>") + 2
+        return (
+            model[:start] + LAUGHS + model[start:].replace(place, place.rstrip('"') + "&j;" + '"' * place.count('l"'))
+        )
+
+    write_3mf(tmp_path / "f.3mf", with_laughs)
+    with pytest.raises(ReadError, match="amplification"):
+        read_mesh(tmp_path / "f.3mf")
+
+
+def test_external_xml_entities_are_not_opened(tmp_path: Path) -> None:
+    (tmp_path / "secret.txt").write_text("<not/>xml")
+    entity = f'<!DOCTYPE x [<!ENTITY a SYSTEM "file://{tmp_path}/secret.txt">]>'
+    write_3mf(tmp_path / "f.3mf", lambda m: m.replace("?>", "?>" + entity, 1).replace("<build>", "<build>&a;"))
+    assert len(read_mesh(tmp_path / "f.3mf")[1]) > 0
+
+
+def test_an_archive_bomb_is_refused(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "f.3mf", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", b" " * (80 << 20))
+    with pytest.raises(ReadError, match="decompression bomb"):
+        read_mesh(tmp_path / "f.3mf")
+
+
+def test_text_with_fewer_lines_than_rows_is_truncated(tmp_path: Path) -> None:
+    header = b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    header += b"element face %d\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
+    (tmp_path / "f.ply").write_bytes(header % 2 + rows)
+    assert len(read_mesh(tmp_path / "f.ply")[1]) == 2
+    (tmp_path / "f.ply").write_bytes(header % 5 + rows)
+    with pytest.raises(ReadError, match="announces 9 rows and has 6 lines for them"):
+        read_mesh(tmp_path / "f.ply")
+    (tmp_path / "f.ply").write_bytes(header % 10**9 + rows)
+    with pytest.raises(ReadError, match="1000000000 rows"):
+        read_mesh(tmp_path / "f.ply")

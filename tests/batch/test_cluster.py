@@ -1,0 +1,74 @@
+"""Files on a Dask cluster: every row once, whatever happens to workers."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import topokit as tk
+from topokit.batch.cluster import connected, map_on_cluster
+from topokit.batch.examine import Questions
+from topokit.batch.limits import Limits
+from topokit.batch.workers import examine_each
+from topokit.errors import InputError
+
+pytest.importorskip("distributed")
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+NAMES = ("sphere.ply", "torus.stl", "bowl.obj", "truncated.stl")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for number in range(20):
+        name = NAMES[number % len(NAMES)]
+        shutil.copy(DATA / name, tmp_path / f"{number:02}{Path(name).suffix}")
+    return tmp_path
+
+
+def answered(rows: list[dict[str, Any]]) -> list[tuple[Any, ...]]:
+    return [(row["file"], row["euler"], row["verdict"], row["error"]) for row in rows]
+
+
+def kills_its_worker(task: int) -> int:
+    """The task, or the end of the process that tries it."""
+    if task < 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return task
+
+
+def test_rows_are_those_of_one_process(dask_client: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.parent)  # the workers are elsewhere
+    expected = tk.survey(folder.name)
+    found = tk.survey(folder.name, client=dask_client)
+    assert sorted(answered(list(found))) == sorted(answered(found.rows)) == answered(expected.rows)
+    assert answered(found.rows) == answered(expected.rows)
+
+
+def test_a_worker_killed_in_the_middle_costs_no_row(dask_client: Any, folder: Path) -> None:
+    pids = dask_client.run(os.getpid)
+    survey = tk.survey([folder] * 3, client=dask_client)
+    for number, _ in enumerate(survey):
+        if number == 5:
+            os.kill(min(pids.values()), signal.SIGKILL)
+    assert answered(survey.rows) == answered(tk.survey(folder).rows) * 3
+
+
+def test_a_task_that_kills_workers_costs_one_result(dask_client: Any) -> None:
+    tasks = [1, 2, -3, *range(4, 12)]
+    deaths: list[str] = []
+    found = dict(map_on_cluster(kills_its_worker, tasks, dask_client, lambda task, how: deaths.append(how) or 0))
+    assert [found[number] for number in range(len(tasks))] == [task if task > 0 else 0 for task in tasks]
+    assert deaths == ["the workers of the cluster that examined it died, one after the other"]
+
+
+def test_limits_and_addresses_that_do_not_fit() -> None:
+    with pytest.raises(InputError, match="a cluster has its own"):
+        next(examine_each((), Questions(), 1, Limits(seconds=1), client=object()))
+    with pytest.raises(InputError, match=r"no scheduler answers at 'nonsense://x'"), connected("nonsense://x"):
+        pass

@@ -1,0 +1,57 @@
+"""Limits on time and memory: a file that exceeds one costs a row, the others are examined."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+import topokit as tk
+from topokit.batch.limits import NO_LIMITS, Limits, memory_of
+from topokit.batch.processes import map_in_processes
+from topokit.testing import genus_mesh
+
+HOG = "bytearray(b'x') * (1 << 30)"  # touches a GiB, slowly enough to be seen
+
+
+def after_death(task: object, how: str) -> str:
+    return f"{task}: {how}"
+
+
+def test_a_task_that_takes_too_long_is_ended() -> None:
+    started = time.monotonic()
+    found = list(map_in_processes(time.sleep, [0.0, 300.0, 0.0], 1, after_death, Limits(seconds=2)))
+    assert found == [None, "300.0: it took longer than the time limit of 2 s", None]
+    assert time.monotonic() - started < 200
+
+
+def test_a_task_that_fills_memory_is_ended() -> None:
+    tasks = ["1 + 1", f"len([{HOG} for _ in range(64)])", "2 + 2"]
+    found = list(map_in_processes(eval, tasks, 1, after_death, Limits(gibibytes=1.5)))
+    assert found[::2] == [2, 4]
+    assert str(found[1]).endswith("it needed more than the memory limit of 1.5 GiB")
+
+
+def test_a_process_that_keeps_memory_is_replaced() -> None:
+    keep = f"(globals().update(kept={HOG}), __import__('os').getpid())[1]"
+    process = "__import__('os').getpid()"
+    found = list(map_in_processes(eval, [process, keep, process], 1, after_death, Limits(gibibytes=2)))
+    assert found[0] == found[1] != found[2]
+
+
+def test_a_survey_goes_on_after_a_file_that_exceeds_its_limit(tmp_path: Path) -> None:
+    tk.from_mesh(genus_mesh(1)).to_trimesh().export(tmp_path / "a.off")
+    (tmp_path / "b.xyz").write_text("\n".join(f"{n % 97} {n % 89} {n % 83}" for n in range(400_000)))
+    tk.from_mesh(genus_mesh(2)).to_trimesh().export(tmp_path / "c.off")
+    rows = tk.survey(tmp_path, time_limit=2).rows
+    assert [row["genus"] for row in rows] == [1, None, 2]
+    assert rows[1]["error"] == f"{tmp_path / 'b.xyz'}: it took longer than the time limit of 2 s."
+    with pytest.raises(tk.InputError, match="time_limit must be positive, not 0"):
+        tk.survey(tmp_path, time_limit=0)
+
+
+def test_no_limits_are_none() -> None:
+    assert not NO_LIMITS
+    assert Limits(seconds=1)
+    assert memory_of(2**22 + 1) == 0

@@ -1,0 +1,98 @@
+"""Surveys that were stopped and go on: no file twice, none lost, whatever the stop left behind."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import topokit as tk
+from topokit.batch import examine as examination
+from topokit.batch.journal import finished_records
+from topokit.errors import InputError
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "files").mkdir()
+    for number in range(6):
+        shutil.copy(DATA / ("truncated.stl" if number == 2 else "torus.stl"), tmp_path / "files" / f"{number}.stl")
+    return tmp_path / "files"
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The names of the files that were examined, in order."""
+    names: list[str] = []
+    original = examination._shapes
+
+    def watched(path: Path, *rest: Any) -> Any:
+        names.append(path.name)
+        return original(path, *rest)
+
+    monkeypatch.setattr(examination, "_shapes", watched)
+    return names
+
+
+def without_times(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{key: value for key, value in row.items() if key != "seconds"} for row in rows]
+
+
+def test_a_stopped_survey_goes_on(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    first = list(islice(tk.survey(folder, resume=journal), 4))
+    assert len(first) == len(journal.read_text().splitlines()) == 4
+    with journal.open("a") as file:
+        file.write('{"file": "4.st')  # the machine stopped here
+    survey = tk.survey(folder, resume=journal)
+    assert without_times(survey.rows) == without_times(tk.survey(folder).rows)
+    assert opened[:6] == [f"{number}.stl" for number in range(6)]
+    assert [json.loads(line)["file"] for line in journal.read_text().splitlines()] == list(survey.files)
+    del opened[:]
+    assert tk.survey(folder, resume=journal).summary() == survey.summary()
+    assert opened == []
+
+
+def test_the_last_file_of_several_labels_is_done_again(tmp_path: Path, opened: list[str]) -> None:
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, np.arange(4).repeat(16).reshape(8, 2, 4))
+    journal = tmp_path / "rows.jsonl"
+    whole = tk.survey(tmp_path, labels="all", resume=journal).rows
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines[:5]))  # b has lost a label
+    again = tk.survey(tmp_path, labels="all", adapter="voxels", resume=journal)
+    assert without_times(again.rows) == without_times(whole)
+    assert opened == ["a.npy", "b.npy", "b.npy"]
+
+
+def test_new_files_are_added_and_others_stay(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    assert len(tk.survey(folder / "0.stl", resume=journal).rows) == 1
+    assert len(tk.survey(folder / "1.stl", resume=journal).rows) == 1
+    assert len(tk.survey(folder, resume=journal).rows) == 6
+    assert sorted(opened) == [f"{number}.stl" for number in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [("no json\n", "line 1, is not JSON"), ('{"name": "a"}\n', 'line 1, has no "file"'), ("[1]\n", 'has no "file"')],
+)
+def test_other_files_are_refused(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "rows.jsonl"
+    path.write_text(content)
+    with pytest.raises(InputError, match=message):
+        finished_records(path, several=False)
+    assert path.read_text() == content
+
+
+def test_rows_of_something_else_are_refused(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "rows.jsonl").write_text('{"file": "a.stl", "euler": 2}\n')
+    with pytest.raises(InputError, match="other columns"):
+        tk.survey(folder, resume=tmp_path / "rows.jsonl")

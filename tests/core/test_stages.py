@@ -1,0 +1,63 @@
+"""Stages of long computations: who hears of them, and when."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+import topokit as tk
+from topokit.core.stages import begin, listening, stages
+from topokit.report.progress import time_left
+from topokit.testing import torus_samples
+
+Heard = list[tuple[str, float]]
+
+
+def test_a_listener_is_told_the_share_before_each_stage() -> None:
+    heard: Heard = []
+    with listening(lambda stage, share: heard.append((stage, share))), stages({"one": 1.0, "two": 2.0, "three": 1.0}):
+        begin("one")
+        begin("three")  # the second is skipped
+        with stages({"part": 1.0}):
+            begin("part")
+    begin("one")
+    assert heard == [("one", 0.0), ("three", 0.75)]
+
+
+def test_nobody_listens_by_default() -> None:
+    with stages({"one": 1.0}):
+        begin("one")
+
+
+@pytest.mark.parametrize("most", [30_000, 2_000])
+def test_a_report_of_a_cloud_tells_its_stages_in_order(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    monkeypatch.setattr("topokit.core.cloud.looks.MOST_POINTS", most)
+    heard: Heard = []
+    with listening(lambda stage, share: heard.append((stage, share))):
+        report = tk.from_points(torus_samples(4000).points).report()
+    assert report.euler == 0
+    first, *_, last = heard
+    assert first == ("neighborhoods", 0.0)
+    assert last[0] == "counting"
+    shares = [share for _, share in heard]
+    assert shares == sorted(shares)
+    assert 0.2 < shares[-1] < 1
+    assert ("signs" in dict(heard)) == (most < 4000)
+
+
+@pytest.mark.parametrize(("is_terminal", "patience"), [(True, 0.0), (True, 1e3), (False, 0.0)])
+def test_a_bar_is_shown_on_terminals_after_a_while(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], is_terminal: bool, patience: float
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr("topokit.report.progress._PATIENCE", patience)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
+    points = torch.cat([torus_samples(4000).points])
+    tk.from_points(points).report()
+    err = capsys.readouterr().err
+    assert ("4000 points: counting" in err and "s left" in err) == (is_terminal and patience == 0)
+
+
+def test_time_left() -> None:
+    assert [time_left(5, 0), time_left(5, 0.25), time_left(60, 0.1)] == ["", "about 15 s left", "about 9 min left"]

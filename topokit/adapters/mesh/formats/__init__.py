@@ -1,0 +1,1 @@
+"""Readers of mesh files, one per format that needs more than trimesh."""

@@ -1,0 +1,60 @@
+"""Files of finite elements through meshio: the surface of their cells."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.adapters.mesh.formats.xml import refuse_entities
+from topokit.adapters.mesh.polygons import triangles
+from topokit.errors import MissingDependencyError, ReadError
+from topokit.inputs.cells import polygons_of_cells
+from topokit.inputs.files import head
+from topokit.inputs.reading import reading
+
+_VOLUMES = (b"STRUCTURED_POINTS", b"STRUCTURED_GRID", b"RECTILINEAR_GRID")
+
+
+def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (V, 3) and triangles (F, 3): surface cells as they are; of solid cells the faces that bound the solid.
+
+    Args:
+        path: an existing file.
+        format_name: the module of meshio that reads it.
+
+    Raises:
+        ReadError: if the file is malformed.
+        MissingDependencyError: without meshio.
+    """
+    try:
+        import meshio
+    except ImportError as error:
+        raise MissingDependencyError(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".') from error
+    refuse_entities(path)
+    _refuse_volumes(path)
+    damaged = (
+        *(meshio.ReadError, ArithmeticError, AssertionError, AttributeError, LookupError),
+        *(NotImplementedError, RuntimeError, SyntaxError, TypeError),
+    )
+    with reading(path, "meshio", *damaged), contextlib.redirect_stdout(io.StringIO()):  # where it prints warnings
+        mesh = getattr(meshio, format_name).read(path)  # meshio.read would end the process
+    faces = polygons_of_cells((block.type, block.data) for block in mesh.cells)
+    points = np.asarray(mesh.points, dtype=np.float64).reshape(len(mesh.points), -1)[:, :3]
+    vertices = np.zeros((len(points), 3))
+    vertices[:, : points.shape[1]] = points  # of a plane mesh z is 0
+    return vertices, triangles(faces)
+
+
+def _refuse_volumes(path: Path) -> None:
+    """Refuse legacy VTK files of volumes, whose cells fill their box whatever the values are."""
+    found = re.search(rb"^DATASET\s+(\w+)", head(path, 4096), re.MULTILINE)
+    if path.suffix.lower() == ".vtk" and found is not None and found.group(1) in _VOLUMES:
+        raise ReadError(
+            f"{path} holds a volume ({found.group(1).decode()}), which is not read: save it as .nrrd, .nii or .mha, or "
+            "pass its values as an array to topokit.from_voxels."
+        )

@@ -1,0 +1,90 @@
+"""What the header of a volume announces, held against the file before memory is allocated for it."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from topokit.inputs.beside import file_beside
+from topokit.inputs.reading import require_bytes, require_expansion
+
+FREE = 1 << 30
+"""Bytes that any compressed volume may expand to: masks of one organ in a whole body do so by a factor of 1000."""
+
+_STEP = 1 << 20
+
+
+def check_nifti(path: Path, image: Any, n_bytes: int) -> None:
+    """Refuse an image of nibabel, not read yet, with more voxels than there are bytes.
+
+    Raises:
+        ReadError: if it has.
+    """
+    needed = math.prod(map(int, image.shape)) * image.header.get_data_dtype().itemsize
+    require_bytes(path, f"an image of shape {image.shape}", needed, n_bytes)
+
+
+def check_tiff(path: Path, file: Any) -> None:
+    """Refuse a file of tifffile, not read yet, whose pages are larger than their bytes can be.
+
+    Raises:
+        ReadError: if they are.
+    """
+    for series in file.series[:1]:
+        pages = [page for page in series.pages if page is not None]
+        is_plain = all(getattr(page, "compression", 0) == 1 for page in pages)
+        longest = max((length for page in pages for length in getattr(page, "databytecounts", ())), default=0)
+        require_bytes(path, "a strip of pixels", longest, path.stat().st_size)
+        if is_plain:
+            require_bytes(path, f"pages of shape {series.shape}", series.nbytes, path.stat().st_size)
+        else:
+            require_expansion(path, series.nbytes, path.stat().st_size, FREE)
+
+
+def check_nrrd(path: Path) -> None:
+    """Refuse a file that names another one outside its folder, or whose compressed voxels expand absurdly.
+
+    Raises:
+        ReadError: if it does.
+    """
+    import nrrd
+
+    with path.open("rb") as file:
+        header = nrrd.read_header(file)
+        elsewhere = header.get("data file", header.get("datafile"))
+        place = path if elsewhere is None else file_beside(path, str(elsewhere))
+        start = file.tell() if elsewhere is None else 0
+    unpack = _UNPACKERS.get(str(header.get("encoding")))
+    if unpack is None:
+        return
+    with place.open("rb") as file:
+        file.seek(start)
+        for _ in range(min(place.stat().st_size, int(header.get("line skip", header.get("lineskip", 0))))):
+            file.readline()
+        n_unpacked = 0
+        for length in _unpacked_lengths(unpack(file)):
+            n_unpacked += length
+            require_expansion(path, n_unpacked, place.stat().st_size, FREE)
+
+
+def _unpacked_lengths(unpacked: Any) -> Iterator[int]:
+    """Lengths of the parts of a stream; a damaged one just ends, as its reader says what is wrong."""
+    while True:
+        try:
+            part = unpacked.read(_STEP)
+        except (OSError, EOFError, zlib.error):
+            return
+        if not part:
+            return
+        yield len(part)
+
+
+_UNPACKERS: dict[str, Callable[[BinaryIO], Any]] = {
+    **dict.fromkeys(("gzip", "gz"), lambda file: gzip.GzipFile(fileobj=file)),
+    **dict.fromkeys(("bzip2", "bz2"), bz2.BZ2File),
+}

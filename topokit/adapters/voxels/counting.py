@@ -1,0 +1,184 @@
+"""Counting a volume block by block, in this process or on the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.adapters.voxels.field import Labels, listed
+from topokit.adapters.voxels.reduction import reduced
+from topokit.adapters.voxels.stored import StoredVolume
+from topokit.core.blocks.division import Box, Division
+from topokit.core.blocks.part import Part, count_part, join_parts
+from topokit.core.blocks.whole import counted_volume
+from topokit.core.grid.grid import Grid
+from topokit.errors import InputError
+from topokit.report.report import CountedAnswer
+from topokit.report.volume import volume_answer
+from topokit.report.wording import plural
+
+
+class Seen(NamedTuple):
+    """The values of a block.
+
+    Attributes:
+        low, high: of all that are not NaN; of a block with voxels inside only if they decide what is inside.
+        n_nan: number of NaN.
+        is_binary: whether all others are 0 or `high`.
+        labels: those that were looked for and found.
+    """
+
+    low: float
+    high: float
+    n_nan: int
+    is_binary: bool
+    labels: frozenset[float] = frozenset()
+
+    def joined(self, other: Seen) -> Seen:
+        """Those of two blocks."""
+        highs = {one.high for one in (self, other) if one.high > 0}
+        return Seen(
+            min(self.low, other.low),
+            max(self.high, other.high),
+            self.n_nan + other.n_nan,
+            self.is_binary and other.is_binary and len(highs) <= 1,
+            self.labels | other.labels,
+        )
+
+
+class Found(NamedTuple):
+    """What was found in a box."""
+
+    part: Part
+    seen: Seen
+
+
+@dataclass(frozen=True)
+class Solid:
+    """What is inside, and how it is connected.
+
+    Attributes:
+        level: voxels above it are inside; None if the values must be those of a binary volume.
+        labels: voxels equal to one of them are inside, if there are any.
+        connectivity: 6 or 26.
+    """
+
+    level: float | None
+    labels: Labels
+    connectivity: int
+
+    def mark(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> frozenset[float]:
+        """Write which voxels are inside; returns the labels that there are."""
+        if not self.labels:
+            np.greater(values, self.level or 0, out=inside)
+            return frozenset()
+        present = set()
+        inside[:] = False
+        for label in self.labels:
+            has_label = values == label
+            if has_label.any():
+                present.add(label)
+                inside |= has_label
+        return frozenset(present)
+
+    def check(self, seen: Seen, is_empty: bool) -> tuple[str, ...]:
+        """Sentences for the report about the values of the whole volume.
+
+        Raises:
+            InputError: if they are not what they were taken for, or nothing is inside.
+        """
+        if seen.low > seen.high and is_empty:
+            raise InputError("all voxels are NaN.")
+        if self.level is None and not self.labels and not (seen.is_binary and seen.low >= 0):
+            raise InputError(
+                f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass "
+                "level=… (inside is above it) or, for a labeled volume, label=…"
+            )
+        if is_empty:
+            above = f"is above the level {self.level or 0:g}"
+            wanted = f"equals the label {listed(self.labels)}" if self.labels else above
+            raise InputError(f"no voxel {wanted}: the volume's values go from {seen.low:g} to {seen.high:g}.")
+        if absent := tuple(label for label in self.labels if label not in seen.labels):
+            return (f"No voxel has the label {listed(absent)}.",)
+        if seen.n_nan and not self.labels:
+            return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",)
+        return ()
+
+
+@dataclass(frozen=True)
+class BlockCount:
+    """The count of blocks of a volume; it is sent to workers.
+
+    Attributes:
+        solid: what is inside.
+        shape: of the volume; beyond there is background.
+    """
+
+    solid: Solid
+    shape: tuple[int, int, int]
+
+    def count(self, source: Any, block: Box) -> Found:
+        """What is found in a block.
+
+        Args:
+            source: its values, or a function that reads them.
+            block: where it is in the volume.
+        """
+        values = np.asarray(source() if callable(source) else source)
+        is_dual = self.solid.connectivity == 26
+        x, y, z = (start + (start > 0) for start, _ in block)  # in the volume with a layer of background around it
+        n_x, n_y, n_z = (n + 2 for n in self.shape)
+        ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, self.shape, strict=True)]
+        is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), is_dual)
+        inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
+        labels = self.solid.mark(values, inner)
+        if is_dual:
+            np.logical_not(inner, out=inner)
+        part = count_part(is_six, (x, y, z), (n_x, n_y, n_z))
+        is_empty = bool((part.is_six == is_dual).all())
+        return Found(part, self._seen(values, is_empty)._replace(labels=labels))
+
+    def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
+        n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
+        must_be_binary = self.solid.level is None and not self.solid.labels and values.dtype != bool
+        if n_nan == values.size or not (must_be_binary or is_empty):
+            return Seen(np.inf, -np.inf, n_nan, True)
+        known = values[~np.isnan(values)] if n_nan else values
+        low, high = known.min(), known.max()
+        is_binary = must_be_binary and bool(((known == 0) | (known == high)).all())
+        return Seen(float(low), float(high), n_nan, is_binary or values.dtype == bool)
+
+
+def joined(one: Found, other: Found, axis: int) -> Found:
+    """What was found in two boxes side by side."""
+    return Found(join_parts(one.part, other.part, axis), one.seen.joined(other.seen))
+
+
+def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, grid: Grid, client: Any) -> CountedAnswer:
+    """The counted answer of a volume.
+
+    Args:
+        volume: where its values are.
+        division: its blocks, each of which is read once.
+        solid: what is inside.
+        grid: of the volume.
+        client: of a Dask cluster, or None for this process, one block after the other.
+
+    Raises:
+        InputError: if no voxel is inside, or a level is needed.
+    """
+    started = time.perf_counter()
+    count = BlockCount(solid, grid.shape).count
+    found = reduced(volume, division, count, joined, client, without_faces)
+    counted = counted_volume(found.part, solid.connectivity, grid)
+    notes = solid.check(found.seen, is_empty=not counted.n_inside)
+    return volume_answer(counted, solid.connectivity, time.perf_counter() - started, notes)
+
+
+def without_faces(found: Found) -> Found:
+    """What was found in a whole volume, without what only joining needs."""
+    return Found(found.part.without_faces(), found.seen)

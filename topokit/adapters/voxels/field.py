@@ -1,0 +1,76 @@
+"""The field of a volume: gray values minus their level, or what has one of the labels."""
+
+from __future__ import annotations
+
+from functools import reduce
+
+import torch
+from torch import Tensor
+
+from topokit.core.grid.euler import surface_euler
+from topokit.core.grid.field import Field
+from topokit.core.grid.grid import Grid
+from topokit.core.grid.level_surface import level_surface
+from topokit.core.surface import TriangleSurface
+
+SLAB = 16  # layers handled at a time
+Labels = tuple[float, ...]
+
+
+def listed(labels: Labels) -> str:
+    """Labels in a sentence."""
+    return " or ".join(map(str, labels))
+
+
+class VoxelField(Field):
+    """Gray values minus their level, or +½ and −½ for a binary volume or for labels."""
+
+    def __init__(self, volume: Tensor, level: float, labels: Labels, grid: Grid, connectivity: int) -> None:
+        """Args: volume (X, Y, Z); level, or labels if there are any: what is inside; grid: voxel centers."""
+        super().__init__(grid, connectivity)
+        self.volume, self.level, self.labels = volume, level, labels
+        self.is_binary = bool(labels) or volume.dtype == torch.bool
+
+    @property
+    def device(self) -> torch.device:
+        """See `Field.device`."""
+        return self.volume.device
+
+    def inside(self) -> Tensor:
+        """(X, Y, Z) bool."""
+        return self._is_inside(self.volume)
+
+    def has_inside(self) -> bool:
+        """Whether the solid has a voxel; handles a few layers at a time."""
+        return any(bool(self._is_inside(part).any()) for part in self.volume.split(SLAB))
+
+    def values(self) -> Tensor:
+        """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
+        return self._field_of(self.volume)
+
+    def values_at(self, vertices: Tensor) -> Tensor:
+        """See `Field.values_at`."""
+        x, y, z = vertices.unbind(1)
+        return self._field_of(self.volume[x, y, z])
+
+    def exact_euler(self, connectivity: int | None = None) -> Tensor:
+        """See `Field.exact_euler`; counted on the volume as it is, without a copy in floating point."""
+        connectivity = connectivity or self.connectivity
+        if self.labels:
+            return surface_euler(self.inside(), 0, connectivity)
+        return surface_euler(self.volume.detach(), self.level, connectivity)
+
+    def surface(self) -> TriangleSurface:
+        """The closed surface as triangles, in the field's own connectivity."""
+        return level_surface(self.detached(), self.grid, self.connectivity)
+
+    def _is_inside(self, voxels: Tensor) -> Tensor:
+        if not self.labels:
+            return voxels.detach() > self.level
+        return reduce(torch.logical_or, (voxels == label for label in self.labels))
+
+    def _field_of(self, voxels: Tensor) -> Tensor:
+        if self.is_binary:
+            return self._is_inside(voxels).to(torch.get_default_dtype()) - 0.5
+        gray = voxels if voxels.is_floating_point() else voxels.to(torch.get_default_dtype())
+        return torch.where(gray.isnan(), -torch.inf, gray) - self.level

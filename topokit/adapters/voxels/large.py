@@ -1,0 +1,119 @@
+"""Shapes of volumes that are counted block by block and never held as a whole."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from topokit.adapters.voxels.field import Labels, listed
+from topokit.adapters.voxels.reduction import reduced
+from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
+from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
+from topokit.core.blocks.division import MOST_VOXELS, Box, Division
+from topokit.core.components import Corner
+from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.labels import Box as LabelBox
+from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
+from topokit.errors import InputError
+from topokit.shape import Shape
+
+MOST_IN_MEMORY = (
+    1 << 27
+)  # voxels up to which a stored volume is read as a whole: counting takes 20 to 30 bytes for each
+
+
+class Blocks(NamedTuple):
+    """A volume and how to count it: its blocks, how large they are, and a client of a Dask cluster, or None."""
+
+    volume: StoredVolume
+    division: Division
+    most_voxels: int
+    client: Any
+
+
+def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client: Any) -> Blocks | None:
+    """The blocks of a volume that is large, or is to be counted block by block; else None.
+
+    Arguments are those of `from_voxels`.
+
+    Raises:
+        ReadError, MissingDependencyError: if the volume cannot be opened.
+        InputError: if it cannot be read block by block, though that is wanted; or there is no volume.
+    """
+    if block_voxels is not None and block_voxels < 1:
+        raise InputError(f"block_voxels must be at least 1, not {block_voxels}.")
+    is_wanted = block_voxels is not None or client is not None
+    stored = stored_volume(volume, dataset)
+    if not is_wanted and (stored is None or stored.n_voxels <= MOST_IN_MEMORY):
+        return None
+    stored = readable_in_blocks(volume) if stored is None else stored
+    most_voxels = block_voxels or MOST_VOXELS
+    return Blocks(stored, Division.of(stored.chunks, most_voxels), most_voxels, client)
+
+
+def labels_in_blocks(blocks: Blocks) -> dict[int, LabelBox]:
+    """The box of every label of a volume, as `label_boxes` finds it in memory."""
+    volume = blocks.volume
+    found = reduced(volume, blocks.division, _boxes_in_block, _joined_boxes, blocks.client, dict)
+    return {label: widened(box, volume.shape) for label, box in sorted(found.items())}
+
+
+def label_in_blocks(
+    blocks: Blocks,
+    label: int,
+    box: LabelBox,
+    spacing: Spacing,
+    origin: Corner,
+    connectivity: int,
+    n_neighbors: int | None,
+) -> Shape:
+    """The shape of a label, counted in the blocks of its box; other arguments are those of `from_labels`."""
+    x, y, z = ((side.start, side.stop) for side in box)
+    part = PartOfVolume(blocks.volume, (x, y, z), f"{blocks.volume.name}, label {label}")
+    a, b, c = (start + step * side.start for start, step, side in zip(origin, spacing, box, strict=True))
+    own = Blocks(part, Division.of(part.chunks, blocks.most_voxels), blocks.most_voxels, blocks.client)
+    return shape_in_blocks(own, spacing, (a, b, c), None, (label,), connectivity, n_neighbors)
+
+
+def _boxes_in_block(source: Any, block: Box) -> dict[int, LabelBox]:
+    first = [start for start, _ in block]
+    found = {}
+    for label, box in tight_boxes(np.asarray(source() if callable(source) else source)).items():
+        x, y, z = (slice(side.start + start, side.stop + start) for side, start in zip(box, first, strict=True))
+        found[label] = x, y, z
+    return found
+
+
+def _joined_boxes(one: dict[int, LabelBox], other: dict[int, LabelBox], axis: int) -> dict[int, LabelBox]:
+    return joined_boxes(one, other)
+
+
+def shape_in_blocks(
+    blocks: Blocks,
+    spacing: Spacing,
+    origin: Corner,
+    level: float | None,
+    labels: Labels,
+    connectivity: int,
+    n_neighbors: int | None,
+) -> Shape:
+    """The shape of a volume whose report is counted block by block; arguments are those of `from_voxels`."""
+    from topokit.adapters.voxels.counting import Solid, answer_in_blocks  # imports numba
+
+    volume, grid = blocks.volume, Grid(blocks.volume.shape, spacing, origin)
+
+    def refuse() -> Any:
+        raise InputError(
+            f"{volume.name} is counted block by block, so it has a report, but no samples and no surface. Open a "
+            "part of it in memory: from_voxels(volume[:256, :256, :256])."
+        )
+
+    return Shape(
+        refuse,
+        lambda: answer_in_blocks(volume, blocks.division, Solid(level, labels, connectivity), grid, blocks.client),
+        surface=refuse,
+        name=volume.name,
+        notes=(f"The solid is the voxels with label {listed(labels)}.",) if labels else (),
+        n_neighbors=n_neighbors,
+    )

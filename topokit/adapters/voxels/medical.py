@@ -1,0 +1,157 @@
+"""Volumes of medicine: NIfTI through nibabel, NRRD through pynrrd, MetaImage and DICOM through SimpleITK."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.adapters.voxels.bounds import FREE, check_nifti, check_nrrd
+from topokit.adapters.voxels.entry import is_dicom
+from topokit.core.grid.grid import Spacing
+from topokit.errors import MissingDependencyError, ReadError
+from topokit.inputs.files import existing_file, head
+from topokit.inputs.reading import reading, require_bytes, require_expansion
+
+Volume = tuple[NDArray[Any], Spacing | None]
+_HOW = 'pip install "topokit[volumes]"'
+_PAIR = b"ni1"  # the magic of a NIfTI header whose voxels are in a file of their own
+_ELEMENT_BYTES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2, "INT": 4, "UINT": 4, "FLOAT": 4}  # others have 8
+
+
+def read_nifti(path: Path) -> Volume:
+    """Values scaled by slope and intercept; voxel sizes are those of the affine: sform, else qform, else pixdim."""
+    try:
+        import nibabel
+        from nibabel.filebasedimages import ImageFileError
+        from nibabel.spatialimages import HeaderDataError
+        from nibabel.wrapstruct import WrapStructError
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
+    data = path.read_bytes()
+    kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
+    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError):
+        is_pair = data[344:347] == _PAIR or path.suffix.lower() == ".img"
+        image = nibabel.Nifti1Pair.from_filename(path) if is_pair else kind.from_bytes(data)
+        check_nifti(path, image, _voxel_bytes(path, len(data)))
+        array = np.asanyarray(image.dataobj)
+    if array.ndim == 4 and array.shape[3] == 1:
+        array = array[..., 0]
+    return array, column_lengths(image.affine)
+
+
+def _voxel_bytes(path: Path, size: int) -> int:
+    """Bytes of a NIfTI file; with those of the image beside a header."""
+    image = path.with_suffix(".img")
+    return size + (image.stat().st_size if image.is_file() else 0)
+
+
+def read_nrrd(path: Path) -> Volume:
+    """Voxel sizes are the lengths of the space directions, else the spacings."""
+    try:
+        import nrrd
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
+    with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError):
+        check_nrrd(path)
+        array, header = nrrd.read(str(path))
+    if "space directions" in header:
+        return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
+    return array, _triple(header["spacings"]) if "spacings" in header else None
+
+
+def read_itk(path: Path) -> Volume:
+    """A MetaImage, a DICOM file with several frames, or a folder with one DICOM series; in the order X, Y, Z."""
+    try:
+        import SimpleITK
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading {path.name} needs SimpleITK: {_HOW}.") from error
+    SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
+    if not path.is_dir() and not is_dicom(head(path)):
+        _check_metaimage(path)
+    with reading(path, "SimpleITK", RuntimeError):
+        if path.is_dir():
+            image = SimpleITK.ReadImage(_series(path, SimpleITK))
+        else:
+            _check_dicom(path, SimpleITK)
+            image = SimpleITK.ReadImage(str(path))
+    return itk_array(image)
+
+
+def itk_array(image: Any) -> Volume:
+    """The voxels of a `SimpleITK.Image` in the order X, Y, Z, and their sizes.
+
+    Raises:
+        ReadError: if they are vectors.
+    """
+    import SimpleITK
+
+    if image.GetNumberOfComponentsPerPixel() > 1:
+        raise ReadError(
+            f"the image has {image.GetNumberOfComponentsPerPixel()} numbers in each voxel; one was expected. Take one "
+            "with SimpleITK.VectorIndexSelectionCast."
+        )
+    spacing = image.GetSpacing()
+    return SimpleITK.GetArrayFromImage(image).transpose(), _triple(spacing) if len(spacing) == 3 else None
+
+
+def column_lengths(affine: Any) -> Spacing | None:
+    """Voxel sizes of a 4 × 4 affine; None if it is degenerate, as in headers that were never filled in."""
+    lengths = np.linalg.norm(np.asarray(affine, dtype=float)[:3, :3], axis=0)
+    return _triple(lengths) if np.isfinite(lengths).all() and (lengths > 0).all() else None
+
+
+def _series(folder: Path, itk: Any) -> tuple[str, ...]:
+    """The files of the only DICOM series in a folder, in the order of their slices."""
+    names = itk.ImageSeriesReader.GetGDCMSeriesIDs(str(folder))
+    if len(names) != 1:
+        held = f"{len(names)} DICOM series; put each into a folder of its own" if names else "no DICOM series"
+        raise ReadError(f"{folder} holds {held}.")
+    files: tuple[str, ...] = itk.ImageSeriesReader.GetGDCMSeriesFileNames(str(folder), names[0])
+    if len(files) == 1:
+        _check_dicom(Path(files[0]), itk)
+    return files
+
+
+def _check_dicom(path: Path, itk: Any) -> None:
+    """Refuse a single slice, and a header that announces absurd sizes."""
+    reader = itk.ImageFileReader()
+    reader.SetFileName(str(path))
+    reader.ReadImageInformation()
+    size = reader.GetSize()
+    require_expansion(path, math.prod(size) * reader.GetNumberOfComponents(), path.stat().st_size)
+    if len(size) < 3 or size[2] == 1:
+        raise ReadError(f"{path} is one slice of {size[0]} × {size[1]} pixels: give the folder with its series.")
+
+
+def _check_metaimage(path: Path) -> None:
+    """Refuse a header that announces more than there is, or that names a file elsewhere."""
+    header = head(path)
+    fields = dict(re.findall(rb"^\s*(\w+)\s*=\s*(.*?)\s*$", header.partition(b"ElementDataFile")[0], re.MULTILINE))
+    found = re.search(rb"^\s*ElementDataFile\s*=\s*(.*?)\s*$", header, re.MULTILINE)
+    if found is None or b"DimSize" not in fields:
+        raise ReadError(f"{path} has no complete MetaImage header: DimSize and ElementDataFile are needed.")
+    name = found.group(1).decode("utf-8", "replace")
+    data = path
+    if name.upper() != "LOCAL":
+        if re.search(r'[/\\:*?"<>|%\s]', name) or name.upper() == "LIST" or name.startswith("."):
+            raise ReadError(f"{path} keeps its voxels in {name!r}; the plain name of one file beside it was expected.")
+        data = existing_file(path.with_name(name))
+    with reading(path, "the MetaImage reader"):
+        n_voxels = math.prod(max(0, int(word)) for word in fields[b"DimSize"].split())
+        n_channels = int(fields.get(b"ElementNumberOfChannels", b"1"))
+    kind = fields.get(b"ElementType", b"").decode("ascii", "replace").upper().removeprefix("MET_")
+    needed = n_voxels * n_channels * _ELEMENT_BYTES.get(kind, 8)
+    if fields.get(b"CompressedData", b"").upper() == b"TRUE":
+        require_expansion(path, needed, data.stat().st_size, FREE)
+    else:
+        require_bytes(path, f"{n_voxels} voxels", needed, data.stat().st_size)
+
+
+def _triple(values: Any) -> Spacing:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,231 @@
+"""Volumes that stay where they are stored, and are read box by box: zarr, HDF5, memory maps, Dask arrays, and the like.
+
+All of these can be sent to other processes, which then read for themselves.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+from torch import Tensor
+
+from topokit.core.blocks.division import Box
+from topokit.errors import InputError
+from topokit.inputs.arrays import as_tensor
+from topokit.inputs.reading import reading
+
+Values = NDArray[Any]
+Lengths = tuple[tuple[int, ...], ...]
+
+
+class StoredVolume(ABC):
+    """A volume that is read box by box.
+
+    Attributes:
+        name: what to call it.
+        shape: voxels along each axis.
+        dtype: of its values.
+        chunks: for each axis, the lengths of the chunks in which it is stored: what is read together anyway.
+    """
+
+    def __init__(self, name: str, shape: Sequence[int], dtype: DTypeLike, chunks: Sequence[int] | Lengths) -> None:
+        """Args: see the class; chunks may also be given as one length for each axis.
+
+        Raises:
+            InputError: if this is no volume of real numbers.
+        """
+        if len(shape) != 3 or 0 in shape:
+            raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.")
+        x, y, z = map(int, shape)
+        self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
+        if self.dtype.kind not in "biuf":
+            raise InputError(f"the volume must hold real numbers, got {self.dtype}.")
+        self.chunks = tuple(_lengths(chunks[axis], n) for axis, n in enumerate(self.shape))
+
+    @property
+    def n_voxels(self) -> int:
+        """Voxels in all."""
+        return prod(self.shape)
+
+    def at(self, box: Box) -> Any:
+        """What a worker gets in order to read a box: called, it gives the values."""
+        return _Reading(self, box)
+
+    def whole(self) -> Values:
+        """All values."""
+        x, y, z = self.shape
+        return self.read(((0, x), (0, y), (0, z)))
+
+    @abstractmethod
+    def read(self, box: Box) -> Values:
+        """The values in a box, given by its first and last + 1 voxel along each axis."""
+
+
+class _Reading:
+    """The reading of a box, still to be done."""
+
+    def __init__(self, volume: StoredVolume, box: Box) -> None:
+        self._volume, self._box = volume, box
+
+    def __call__(self) -> Values:
+        return self._volume.read(self._box)
+
+
+class IndexedVolume(StoredVolume):
+    """An array that gives the values of a box when it is indexed with slices, such as one of zarr or TensorStore."""
+
+    def __init__(self, array: Any, name: str = "voxels") -> None:
+        """Args: the array, and what to call it."""
+        super().__init__(name, array.shape, _numpy_type(array), _chunks_of(array))
+        self._array, self._library = array, type(array).__module__.partition(".")[0]
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        with reading(self.name, f"the library {self._library!r}", RuntimeError):
+            return np.asarray(self._array[_slices(box)])
+
+
+class MemoryVolume(IndexedVolume):
+    """An array in memory: a worker gets the values of a box themselves."""
+
+    def at(self, box: Box) -> Any:
+        """See `StoredVolume`."""
+        return self.read(box)
+
+
+class DaskVolume(IndexedVolume):
+    """A Dask array: its blocks are computed where they are counted."""
+
+    def at(self, box: Box) -> Any:
+        """See `StoredVolume`; a Dask array, which is computed before the worker gets it."""
+        return self._array[_slices(box)]
+
+
+class HdfVolume(StoredVolume):
+    """A data set in an HDF5 file, which every process opens for itself."""
+
+    def __init__(self, path: str | os.PathLike[str], dataset: str, name: str = "voxels") -> None:
+        """Args: the file, the data set's path in it, and what to call the volume."""
+        self._path, self._dataset = Path(path).resolve(), dataset
+        with self._open() as file:
+            found = file[dataset]
+            chunks = found.chunks or _contiguous(found.shape)
+            super().__init__(name, found.shape, found.dtype, chunks)
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        with reading(self._path, "h5py"), self._open() as file:
+            return np.asarray(file[self._dataset][_slices(box)])
+
+    def _open(self) -> Any:
+        import h5py
+
+        return h5py.File(self._path, "r")
+
+
+class MappedVolume(StoredVolume):
+    """An array of a file, in its binary form: a memory map that every process makes for itself."""
+
+    def __init__(self, mapped: np.memmap[Any, Any], name: str = "voxels") -> None:
+        """Args: a memory map that is no slice of another one, and what to call it."""
+        self._path = Path(str(mapped.filename))
+        self._offset, self._order = mapped.offset, "F" if mapped.flags.f_contiguous else "C"
+        chunks = _contiguous(mapped.shape)
+        super().__init__(name, mapped.shape, mapped.dtype, chunks[::-1] if self._order == "F" else chunks)
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        with reading(self._path, "the NumPy reader"):
+            shape: Any = self.shape
+            order: Any = self._order
+            return np.array(np.memmap(self._path, self.dtype, "r", self._offset, shape, order)[_slices(box)])
+
+
+class PartOfVolume(StoredVolume):
+    """A box of a stored volume, as a volume of its own."""
+
+    def __init__(self, volume: StoredVolume, box: Box, name: str) -> None:
+        """Args: the volume, the box in it, and what to call that."""
+        chunks = tuple(_clipped(lengths, *side) for lengths, side in zip(volume.chunks, box, strict=True))
+        super().__init__(name, [stop - start for start, stop in box], volume.dtype, chunks)
+        self._volume, self._first = volume, tuple(start for start, _ in box)
+
+    def at(self, box: Box) -> Any:
+        """See `StoredVolume`."""
+        return self._volume.at(self._moved(box))
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        return self._volume.read(self._moved(box))
+
+    def _moved(self, box: Box) -> Box:
+        x, y, z = ((start + first, stop + first) for (start, stop), first in zip(box, self._first, strict=True))
+        return x, y, z
+
+
+def stored_array(volume: object) -> StoredVolume | None:
+    """An array that can be read box by box; None for what is in memory already, or is no array."""
+    kind = type(volume).__module__.partition(".")[0]
+    if kind == "h5py" and hasattr(volume, "file"):
+        found: Any = volume
+        return HdfVolume(found.file.filename, found.name)
+    if kind == "dask" and hasattr(volume, "dask"):
+        return DaskVolume(volume)
+    if isinstance(volume, np.memmap):
+        whole = volume.base is not None and not isinstance(volume.base, np.memmap) and volume.filename is not None
+        return MappedVolume(volume) if whole and volume.flags.forc else IndexedVolume(volume)
+    is_array = hasattr(volume, "shape") and hasattr(volume, "dtype") and hasattr(volume, "__getitem__")
+    return (
+        IndexedVolume(volume) if is_array and not isinstance(volume, np.ndarray | Tensor) and _is_lazy(volume) else None
+    )
+
+
+def in_memory_array(volume: object) -> StoredVolume:
+    """An array or tensor in memory, to be read box by box all the same."""
+    return MemoryVolume(as_tensor(volume, "the volume", "(X, Y, Z)").detach().cpu().numpy())
+
+
+def _is_lazy(volume: object) -> bool:
+    return hasattr(volume, "chunks") or hasattr(volume, "chunk_layout")
+
+
+def _numpy_type(array: Any) -> DTypeLike:
+    return getattr(array.dtype, "numpy_dtype", array.dtype)  # TensorStore has types of its own
+
+
+def _chunks_of(array: Any) -> Sequence[int] | Lengths:
+    layout = getattr(array, "chunk_layout", None)  # of TensorStore
+    found = getattr(array, "shards", None) or getattr(array, "chunks", None)
+    if layout is not None:
+        found = layout.read_chunk.shape
+    return found if found is not None and len(found) == len(array.shape) else _contiguous(array.shape)
+
+
+def _contiguous(shape: Sequence[int]) -> tuple[int, ...]:
+    """Chunks of an array without chunks: rows along its last axis."""
+    return (*(1 for _ in shape[:-1]), *shape[-1:])
+
+
+def _lengths(chunk: int | Sequence[int], n: int) -> tuple[int, ...]:
+    if not isinstance(chunk, int):
+        return tuple(map(int, chunk))
+    return (chunk,) * (n // chunk) + ((n % chunk,) if n % chunk else ())
+
+
+def _clipped(lengths: Sequence[int], start: int, stop: int) -> tuple[int, ...]:
+    """The lengths of those parts of chunks that lie between two layers."""
+    ends = list(accumulate(lengths, initial=0))
+    parts = (min(b, stop) - max(a, start) for a, b in pairwise(ends))
+    return tuple(part for part in parts if part > 0)
+
+
+def _slices(box: Box) -> tuple[slice, ...]:
+    return tuple(slice(*side) for side in box)

@@ -1,0 +1,138 @@
+"""Files of volumes that can be read box by box: zarr, HDF5, and .npy as a memory map."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch import Tensor
+
+from topokit.adapters.voxels.entry import HDF5, is_zarr
+from topokit.adapters.voxels.stored import (
+    HdfVolume,
+    IndexedVolume,
+    MappedVolume,
+    StoredVolume,
+    in_memory_array,
+    stored_array,
+)
+from topokit.errors import InputError, MissingDependencyError, ReadError
+from topokit.inputs.files import existing_file, user_path
+from topokit.inputs.numpy_header import NUMPY, array_shapes
+from topokit.inputs.reading import reading
+
+_HOW = 'pip install "topokit[cluster]"'
+
+
+def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
+    """A volume that can be read box by box; None for what other readers read as a whole, or is in memory already.
+
+    Args:
+        volume: a path or an array.
+        dataset: the path of an array in a zarr group or HDF5 file.
+
+    Raises:
+        ReadError: if a file is missing or malformed, or has no such array.
+        MissingDependencyError: if the package for its format is not installed.
+        InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
+    """
+    found = _stored_file(user_path(volume), dataset) if isinstance(volume, str | os.PathLike) else stored_array(volume)
+    if dataset is not None and (found is None or isinstance(found, MappedVolume)):
+        raise InputError(f"dataset={dataset!r} names an array in a zarr group or HDF5 file; this is neither.")
+    return found
+
+
+def readable_in_blocks(volume: Any) -> StoredVolume:
+    """An array or tensor in memory, to be read box by box all the same.
+
+    Raises:
+        InputError: if it is a file that can be read only as a whole.
+    """
+    if isinstance(volume, str | os.PathLike):
+        raise InputError(
+            f"{volume} can be read only as a whole. Convert it to .zarr, .h5 or .npy, or open it and pass the array."
+        )
+    return in_memory_array(volume if isinstance(volume, Tensor) else np.asanyarray(volume))
+
+
+def _stored_file(path: Path, dataset: str | None) -> StoredVolume | None:
+    if path.is_dir():
+        return _zarr_volume(path, dataset) if is_zarr(path) else None
+    with existing_file(path).open("rb") as file:
+        start = file.read(len(HDF5))  # of a gzip file its own: that is read as a whole
+    if start.startswith(HDF5):
+        return _hdf_volume(path, dataset)
+    if start.startswith(NUMPY) and len(array_shapes(path).get("", ())) == 3:
+        with reading(path, "the NumPy reader"):
+            return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name)
+    return None
+
+
+def _zarr_volume(path: Path, dataset: str | None) -> StoredVolume:
+    try:
+        import zarr
+        from zarr.errors import BaseZarrError
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
+    with reading(path, "zarr", BaseZarrError, LookupError, TypeError):
+        found: Any = zarr.open(path, mode="r")
+        if isinstance(found, zarr.Group):
+            arrays = {
+                name: part for name, part in sorted(found.members(max_depth=None)) if isinstance(part, zarr.Array)
+            }
+            found = arrays[_chosen(path, {name: one.shape for name, one in arrays.items()}, dataset or _finest(found))]
+    return IndexedVolume(found, path.name)
+
+
+def _finest(group: Any) -> str | None:
+    """The path of the finest level of an OME-Zarr image, or None.
+
+    Reference:
+        J. Moore et al., "OME-Zarr: a cloud-optimized bioimaging file format with international community support",
+        2023, doi:10.1007/s00418-023-02209-1.
+    """
+    attributes = dict(group.attrs)
+    images = attributes.get("ome", attributes).get("multiscales") or [{}]
+    levels = images[0].get("datasets") or [{}]
+    name: str | None = levels[0].get("path")
+    return name
+
+
+def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading .h5 needs h5py: {_HOW}.") from error
+    shapes: dict[str, tuple[int, ...]] = {}
+
+    def note(name: str, found: Any) -> None:
+        if isinstance(found, h5py.Dataset):
+            shapes[name] = found.shape or ()
+
+    with reading(path, "h5py", LookupError, RuntimeError), h5py.File(path, "r") as file:
+        file.visititems(note)
+    return HdfVolume(path, _chosen(path, shapes, dataset), path.name)
+
+
+def _chosen(path: Path, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:
+    """The path of the array that is wanted, or of the only volume."""
+    if dataset is not None and dataset.strip("/") in shapes:
+        return dataset.strip("/")
+    volumes = [name for name, shape in shapes.items() if len(shape) == 3]
+    if dataset is None and len(volumes) == 1:
+        return volumes[0]
+    held = ", ".join(_described(shapes)) or "no array"
+    if dataset is not None:
+        raise ReadError(f"{path} has no array {dataset!r}. It holds {held}.")
+    raise InputError(f"{path} holds {held}: pass dataset=…, the path of an array with three axes.")
+
+
+def _described(shapes: dict[str, tuple[int, ...]], most: int = 10) -> Iterator[str]:
+    for number, (name, shape) in enumerate(shapes.items()):
+        if number == most:
+            yield f"and {len(shapes) - most} more"
+            return
+        yield f"{name} {shape}"

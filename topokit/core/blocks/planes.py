@@ -1,0 +1,281 @@
+"""The two compiled loops over voxels: label a plane in both phases, and join two planes that lie face to face.
+
+A row of voxels is a sequence of runs of one phase: a run has its label and its stop (last + 1) written where it starts,
+and nothing elsewhere, so that labels cost time by runs and not by voxels. A label is a number from 1 on in the
+6-connected phase and its negative in the 26-connected one, so the sign is the phase. Numbers are those of a union-find
+forest; what is known of each is a row of a table (see `part.NODE_COLUMNS`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.blocks.compiled import compiled
+
+Bools = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+Labels = NDArray[np.int32]
+
+
+@compiled
+def root_of(parents: Labels, node: int) -> int:
+    """The root of a node; the way there is shortened."""
+    while parents[node] != node:
+        parents[node] = parents[parents[node]]
+        node = parents[node]
+    return node
+
+
+@compiled
+def unite(parents: Labels, one: int, other: int) -> int:
+    """The root of both nodes, after their trees are joined."""
+    one, other = root_of(parents, one), root_of(parents, other)
+    root = min(one, other)
+    parents[one] = root
+    parents[other] = root
+    return root
+
+
+@compiled
+def label_plane(
+    is_six: Bools,
+    place: Integers,
+    shape: Integers,
+    parents: Labels,
+    nodes: Integers,
+    phases: Bools,
+    n_nodes: int,
+    labels: Labels,
+    stops: Labels,
+) -> int:
+    """Label the regions of a plane across the first axis of a volume; each becomes a node of the forest.
+
+    Args:
+        is_six: (Y, Z), whether a voxel is in the 6-connected phase, which joins through edges of the plane; the other
+            phase also joins through corners.
+        place: (3,) position of the plane's first voxel in the volume.
+        shape: (3,) of the volume.
+        parents: of the forest, with room for another node per voxel.
+        nodes: their rows, with as much room.
+        phases: whether they are in the 6-connected phase, likewise.
+        n_nodes: nodes in the forest so far.
+        labels: (Y, Z), where the labels of the runs are written.
+        stops: (Y, Z), where their stops are written.
+
+    Returns:
+        The number of nodes afterward.
+    """
+    n_rows, n = is_six.shape
+    for y in range(n_rows):
+        start, above = 0, 0
+        while start < n:
+            phase = is_six[y, start]
+            stop = start + 1
+            while stop < n and is_six[y, stop] == phase:
+                stop += 1
+            node = -1
+            if y > 0:
+                reach = 0 if phase else 1
+                while stops[y - 1, above] <= start - reach:
+                    above = stops[y - 1, above]
+                z = above
+                while z < min(stop + reach, n):
+                    if (labels[y - 1, z] > 0) == phase:
+                        found = root_of(parents, abs(labels[y - 1, z]) - 1)
+                        node = found if node < 0 else unite(parents, node, found)
+                    z = stops[y - 1, z]
+            if node < 0:
+                node = n_nodes
+                n_nodes += 1
+                parents[node], phases[node] = node, phase
+                nodes[node, 0] = 0
+                nodes[node, 1] = ((place[0] * shape[1]) + place[1] + y) * shape[2] + place[2] + start
+                nodes[node, 2], nodes[node, 5] = place[0], place[0] + 1
+                nodes[node, 3] = place[1] + y
+                nodes[node, 4], nodes[node, 7] = place[2] + start, place[2] + stop
+            nodes[node, 0] += stop - start
+            nodes[node, 4] = min(nodes[node, 4], place[2] + start)
+            nodes[node, 6] = place[1] + y + 1
+            nodes[node, 7] = max(nodes[node, 7], place[2] + stop)
+            labels[y, start], stops[y, start] = node + 1 if phase else -(node + 1), stop
+            start = stop
+    return n_nodes
+
+
+@compiled
+def join_planes(
+    lower: Labels,
+    lower_stops: Labels,
+    upper: Labels,
+    upper_stops: Labels,
+    parents: Labels,
+    pieces: Bytes,
+    weights: Integers,
+    dual: Integers,
+    sums: Integers,
+    full: Integers,
+) -> tuple[int, int]:
+    """Unite the regions of two labeled planes that lie face to face, and add up the surface between them.
+
+    Each cube of 2 × 2 × 2 voxels of the two planes counts once (see `cubes`). Cubes between the same four runs are
+    equal, so they are counted at once.
+
+    Args:
+        lower: (n, m) labels of the runs of one plane.
+        lower_stops: their stops.
+        upper: those of the other plane.
+        upper_stops: their stops.
+        parents: of the forest.
+        pieces: table of `cubes.CubeTables`.
+        weights: likewise.
+        dual: likewise.
+        sums: (a power of two, 6), sums of weights by pairs of nodes: a node of the 6-connected phase or −1, one of the
+            other phase, and four weights. A pair has one place; whoever comes later takes it.
+        full: (8 n m, 6), where the sums go that lose their place.
+
+    Returns:
+        How many rows of `full` were written; and the sum of `dual`.
+    """
+    n_full, dual_sum, n = 0, 0, lower.shape[1]
+    cube = np.zeros(8, np.int32)
+    for y in range(lower.shape[0] - 1):
+        z, after = 0, 0
+        stop_0, stop_1, stop_2, stop_3 = 0, 0, 0, 0
+        while z < n:
+            before = after
+            for k in range(4):
+                cube[k] = cube[4 + k]
+            if stop_0 == z:
+                cube[4], stop_0 = lower[y, z], lower_stops[y, z]
+            if stop_1 == z:
+                cube[5], stop_1 = lower[y + 1, z], lower_stops[y + 1, z]
+            if stop_2 == z:
+                cube[6], stop_2 = upper[y, z], upper_stops[y, z]
+            if stop_3 == z:
+                cube[7], stop_3 = upper[y + 1, z], upper_stops[y + 1, z]
+            after = (cube[4] > 0) | (cube[5] > 0) << 1 | (cube[6] > 0) << 2 | (cube[7] > 0) << 3
+            if z > 0:  # the cube across the start of a run
+                code = before | after << 4
+                n_full = _add_cubes(cube, code, 1, parents, pieces, weights, sums, full, n_full)
+                dual_sum += dual[code]
+            stop = min(stop_0, stop_1, stop_2, stop_3)
+            n_inside = stop - z - 1
+            code = after | after << 4
+            if n_inside > 0 and (z == 0 or (code != 0 and code != 255)):
+                for k in range(4):
+                    cube[k] = cube[4 + k]
+                n_full = _add_cubes(cube, code, n_inside, parents, pieces, weights, sums, full, n_full)
+                dual_sum += dual[code] * n_inside
+            z = stop
+    return n_full, dual_sum
+
+
+@compiled
+def write_runs(dense: Labels, stops: Labels) -> None:
+    """Write the stops of the runs of dense labels (n, m) where they start, into (n, m)."""
+    for y in range(dense.shape[0]):
+        start = 0
+        for z in range(1, dense.shape[1] + 1):
+            if z == dense.shape[1] or dense[y, z] != dense[y, start]:
+                stops[y, start] = z
+                start = z
+
+
+@compiled
+def write_dense(labels: Labels, stops: Labels, dense: Labels) -> None:
+    """Write the labels of runs (n, m) at all their voxels, into (n, m)."""
+    for y in range(labels.shape[0]):
+        z = 0
+        while z < labels.shape[1]:
+            dense[y, z : stops[y, z]] = labels[y, z]
+            z = stops[y, z]
+
+
+@compiled
+def gather_nodes(nodes: Integers, numbers: Labels, gathered: Integers) -> None:
+    """Add the rows of nodes to those of the nodes that they belong to.
+
+    Args:
+        nodes: (N, 8) rows.
+        numbers: (N,) where each belongs.
+        gathered: (M, 8), where the sums are written; its content does not matter.
+    """
+    gathered[:, 0] = 0
+    gathered[:, 1:5] = np.iinfo(np.int64).max
+    gathered[:, 5:] = -1
+    for node in range(len(nodes)):
+        row = gathered[numbers[node]]
+        row[0] += nodes[node, 0]
+        for k in range(1, 5):
+            row[k] = min(row[k], nodes[node, k])
+        for k in range(5, 8):
+            row[k] = max(row[k], nodes[node, k])
+
+
+@compiled
+def number_roots(parents: Labels, numbers: Labels) -> int:
+    """Number the trees of a forest 0, 1, … by their roots, which are their first nodes.
+
+    Args:
+        parents: (N,) of the forest.
+        numbers: (N,), where the number of each node's tree is written.
+
+    Returns:
+        How many trees there are.
+    """
+    n_trees = 0
+    for node in range(len(parents)):
+        if parents[node] == node:
+            numbers[node] = n_trees
+            n_trees += 1
+        else:
+            numbers[node] = numbers[root_of(parents, node)]
+    return n_trees
+
+
+@compiled
+def _add_cubes(
+    cube: Labels,
+    code: int,
+    n_cubes: int,
+    parents: Labels,
+    pieces: Bytes,
+    weights: Integers,
+    sums: Integers,
+    full: Integers,
+    n_full: int,
+) -> int:
+    """Unite what is joined in a cube with these labels at its corners, and add the surface in so many equal cubes."""
+    around = _united(cube, 255 & ~code, parents)
+    for k in range(4):
+        piece = pieces[code, k]
+        if piece == 0:
+            break
+        node = _united(cube, piece, parents)
+        if code == 255:
+            break
+        place = (node * 31 + around) & (len(sums) - 1)
+        if sums[place, 0] != node or sums[place, 1] != around:
+            if sums[place, 0] >= 0:
+                full[n_full] = sums[place]
+                n_full += 1
+            sums[place, 0], sums[place, 1] = node, around
+            sums[place, 2:] = 0
+        for column in range(4):
+            sums[place, 2 + column] += n_cubes * weights[piece, column]
+    return n_full
+
+
+@compiled
+def _united(cube: Labels, corners: int, parents: Labels) -> int:
+    """The root of the regions at those corners of a cube that are in a code, after they are united; −1 for none."""
+    last, root = 0, -1
+    for k in range(8):
+        corner = (k & 1) | (k & 2) << 1 | (k & 4) >> 1  # first the lower plane, where neighbors often are one region
+        if corners >> corner & 1 and cube[corner] != last:
+            last = cube[corner]
+            found = root_of(parents, abs(last) - 1)
+            root = found if root < 0 else unite(parents, root, found)
+    return root

@@ -1,0 +1,221 @@
+"""One look at a cloud: at all of its points, at samples where features are small, at averages, or as at a wire."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from topokit.core.cloud.axes import SurfaceAxes, surface_axes
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, delaunay_complex
+from topokit.core.cloud.dense import MOST_POINTS, SAMPLES, DenseCloud, averaged, dense_cloud, is_noisy
+from topokit.core.cloud.downsampling import downsample
+from topokit.core.cloud.findings import Preparation, Signs, SignSource
+from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, local_geometry, turned_towards
+from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
+from topokit.core.cloud.solidity import fills_space
+from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes
+from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
+from topokit.core.kd_tree import nearest_in_tree
+from topokit.core.stages import begin
+from topokit.errors import InputError
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
+_FINEST = 0.1  # share of the samples of a large cloud whose spacing may be finer than the stated one
+_WIRE_SAMPLES = 10_000  # evenly spread points of a large cloud that is read as a wire
+_SECONDS = {"neighborhoods": 0.1, "orientation": 3.3, "counting": 1.9}  # of 10 000 points, on one processor
+_PER_MILLION = {"neighborhoods": 4.8, "signs": 4.1, "samples": 3.6, "counting": 1.2}  # seconds more of large clouds
+_FIXED = {"orientation": 2.0, "counting": 3.5}  # seconds for the samples of large clouds
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Distinct points ready to be looked at: centered and scaled.
+
+    Attributes:
+        points: (N, 3), in units of a power of two near the length of the cloud.
+        normals: (N, 3), unit, or None.
+        areas: (N,), area per point, or None.
+        oriented: whether the signs of the normals mean anything.
+    """
+
+    points: Floats
+    normals: Floats | None
+    areas: Floats | None
+    oriented: bool
+
+    @property
+    def unsigned_source(self) -> SignSource:
+        """Where outward directions come from if no given signs are used."""
+        return "none" if self.normals is None else "axes"
+
+    def reduced(self, kept: Integers, moved: Floats) -> Cloud:
+        """Some of its points at other positions, without areas."""
+        return Cloud(moved, None if self.normals is None else self.normals[kept], None, self.oriented)
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What one look at a cloud found.
+
+    Attributes:
+        signs: where the outward directions came from.
+        normals: (N, 3), unit, outward, of all points of the cloud.
+        votes: with the quality of the samples and the first cut.
+        quality: see there.
+        cut: see there.
+        complex_: tetrahedra of the samples.
+        kept: (M,), indices of the samples in the cloud.
+        points: (M, 3), where the samples are taken to be.
+        spacing: typical distance between samples.
+        finest: that of the finest samples.
+        turned: when the normals were found.
+        wire: the reading as a thickened graph, or None.
+        preparation: see `Witness`.
+    """
+
+    signs: Signs
+    normals: Floats
+    votes: tuple[Vote, ...]
+    quality: SampleQuality
+    cut: Cut
+    complex_: DelaunayComplex
+    kept: Integers
+    points: Floats
+    spacing: float
+    finest: float
+    turned: float
+    wire: WireReading | None = None
+    preparation: Preparation = "whole"
+
+
+def stage_seconds(n_points: int) -> dict[str, float]:
+    """The stages of a look at so many points in their order, and about how many seconds each takes."""
+    if n_points <= MOST_POINTS:
+        return {name: seconds * n_points / 10_000 for name, seconds in _SECONDS.items()}
+    growing = {name: seconds * n_points / 1e6 for name, seconds in _PER_MILLION.items()}
+    names = ("neighborhoods", "signs", "samples", "orientation", "counting")
+    return {name: growing.get(name, 0.0) + _FIXED.get(name, 0.0) for name in names}
+
+
+def look_at(cloud: Cloud) -> Look:
+    """Look at a cloud in the way that its size, noise and shape ask for.
+
+    Raises:
+        InputError: if its points fill space, or all lie in a plane.
+    """
+    begin("neighborhoods")
+    if len(cloud.points) <= MOST_POINTS:
+        _refuse_space(cloud.points)
+        return _look_at_all(cloud, read_wire(cloud.points))
+    surface = surface_axes(cloud.points)
+    strand = _strand(cloud.points, surface.tree)
+    if strand is not None:
+        return _look_at_part(cloud, *strand, "wire")
+    if not is_noisy(surface):
+        return _look_at_samples(_dense(cloud, surface), cloud)
+    _refuse_space(cloud.points)
+    kept, moved, is_thinned = averaged(cloud.points, surface.tree)
+    strand = _strand(moved, cKDTree(moved))
+    if strand is not None:
+        part, moved, wire = strand
+        return _look_at_part(cloud, kept[part], moved, wire, "averaged")
+    return _look_at_part(cloud, kept, moved, None, "thinned" if is_thinned else "averaged")
+
+
+def _strand(points: Floats, tree: cKDTree) -> tuple[Integers, Floats, WireReading] | None:
+    """Evenly spread points of a cloud, their positions, and the reading of the cloud as a wire, if it is one."""
+    if not looks_narrow(points, tree):
+        return None
+    kept, _ = downsample(points, _WIRE_SAMPLES, "even")
+    wire = read_wire(points[kept])
+    return None if wire is None else (kept, points[kept], wire)
+
+
+def _refuse_space(points: Floats) -> None:
+    if fills_space(points):
+        raise InputError(
+            f"the {len(points)} points fill space: neighborhoods of all sizes are as thick as they are wide, so they "
+            "lie on no surface."
+        )
+
+
+def _look_at_part(
+    cloud: Cloud, kept: Integers, moved: Floats, wire: WireReading | None, preparation: Preparation
+) -> Look:
+    """A look at some points, perhaps moved, as one at the cloud; every point has the normal of the nearest of them."""
+    look = _look_at_all(cloud.reduced(kept, moved), wire)
+    nearest = nearest_in_tree(cKDTree(look.points), cloud.points, 1)
+    return replace(look, kept=kept[look.kept], normals=look.normals[nearest], preparation=preparation)
+
+
+def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
+    axes = surface.axes if cloud.normals is None else cloud.normals
+    areas = surface.areas if cloud.areas is None else cloud.areas
+    begin("signs")
+    return dense_cloud(cloud.points, replace(surface, axes=axes, areas=areas))
+
+
+def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
+    local = local_geometry(cloud.points, cloud.areas)
+    begin("orientation")
+    signs, outward, complex_ = _outward(cloud, local, wire)
+    turned = time.perf_counter()
+    begin("counting")
+    weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
+    votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
+    spacing = float(np.sqrt(weights.mean()))
+    every = np.arange(len(cloud.points))
+    return Look(signs, outward, votes, quality, cut, complex_, every, cloud.points, spacing, spacing, turned, wire)
+
+
+def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
+    begin("samples")
+    samples = dense.samples(SAMPLES)
+    kept = samples.kept
+    points, axes = dense.points[kept], dense.propagation.normals[kept]
+    local = local_geometry(points, samples.areas, axes)
+    begin("orientation")
+    found = orient_by_patches(points, axes, dense.propagation.patches[kept], local)
+    source, confirmed = cloud.unsigned_source, None
+    if cloud.normals is not None and cloud.oriented:
+        kind, confirmed = compare_normals(cloud.normals[kept], found)
+        source = _SOURCES[kind]
+    signs = Signs(source, confirmed, found.coverage if source in ("none", "axes", "contradictory") else None)
+    given = signs.apply(cloud.normals)
+    flips = np.where((found.normals * axes).sum(1) < 0, -1.0, 1.0)[samples.owner, None]
+    normals = dense.propagation.normals * flips if given is None else given
+    turned = time.perf_counter()
+    begin("counting")
+    first = found.cut if given is None else None
+    votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, first)
+    spacing, finest = (float(value) for value in np.quantile(local.spacings, (0.5, _FINEST)))
+    complex_ = found.complex_
+    return Look(
+        signs, normals, votes, quality, cut, complex_, kept, points, spacing, finest, turned, preparation="sampled"
+    )
+
+
+def _outward(cloud: Cloud, local: LocalGeometry, wire: WireReading | None) -> tuple[Signs, Floats, DelaunayComplex]:
+    """Outward normals (N, 3) of all points, where their signs came from, and the tetrahedra built on the way."""
+    given, source, confirmed = cloud.normals, cloud.unsigned_source, None
+    if given is not None and cloud.oriented:
+        complex_ = delaunay_complex(cloud.points, local.spacings)
+        kind, confirmed = check_normals(cloud.points, given, compatible_areas(given, local), local, complex_)
+        source = _SOURCES[kind]
+        signs = Signs(source, confirmed, None)
+        outward = signs.apply(given)
+        if outward is not None:
+            return signs, outward, complex_
+    if wire is not None:
+        outward = wire.normals if given is None else turned_towards(given, wire.normals)
+        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings)
+    found = orient_samples(cloud.points, local)
+    outward = found.normals if given is None else turned_towards(given, found.normals)
+    return Signs(source, confirmed, found.coverage), outward, found.complex_

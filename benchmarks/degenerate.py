@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MOST_SECONDS = 10  # processor seconds that each kind may take
-GIVEN_UP = 30  # processor seconds after which a kind is ended
+GIVEN_UP = 60  # processor seconds after which a kind is ended
 
 
 def gaussian_blob(rng: np.random.Generator, count: int) -> Floats:

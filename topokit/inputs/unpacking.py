@@ -24,7 +24,8 @@ _FORBIDDEN = set('/\\:*?"<>|\0')  # in a file's name, on one platform or another
 
 def is_content(source: object) -> bool:
     """Whether this is bytes or a file object, rather than a path or a shape."""
-    return isinstance(source, bytes | bytearray | memoryview) or callable(getattr(source, "read", None))
+    is_file = all(callable(getattr(source, name, None)) for name in ("read", "close"))
+    return isinstance(source, bytes | bytearray | memoryview) or is_file
 
 
 @contextmanager

@@ -191,6 +191,18 @@ def test_large_clouds_with_nested_walls_thinning_and_duplicates(monkeypatch: pyt
     assert ((torch.from_numpy(found.normals) * both).sum(1) > 0).double().mean() > 0.99
 
 
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_small_bubble_in_a_solid_is_a_cavity(monkeypatch: pytest.MonkeyPatch, is_large: bool) -> None:
+    """Its normals, carried along its own surface, point out of the bubble and not into it."""
+    if is_large:
+        look_at_samples(monkeypatch, 5000, 3000)
+    bubble = 0.12 * sphere_samples(120).points + torch.tensor([0.3, 0, 0])
+    found = global_witness(torch.cat((sphere_samples(8000).points, bubble)))
+    assert (found.euler, found.components, found.cavities) == (4, 1, 1)
+    inward = torch.tensor([0.3, 0, 0]) - bubble
+    assert ((torch.from_numpy(found.normals)[-120:] * inward).sum(1) > 0).double().mean() > 0.99
+
+
 def test_contradictory_normals_of_a_large_cloud_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     look_at_samples(monkeypatch, 5000, 3000)
     points, normals = torus(8000)

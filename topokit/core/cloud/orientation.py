@@ -4,7 +4,8 @@ The winding number of a closed surface is one half on the surface. Solving w(p�
 conjugate gradients in a Fourier operator needs no normals; a few rounds of one steepest-descent step and a turn of
 every dipole along −∇w sharpen the result. This is done on a coarse grid (robust to noise) and on one as fine as the
 sample spacing (right on thin sheets). The candidates are averaged over neighbors that agree and compared by the cost of
-the best solid that they imply (`delaunay_cut`).
+the best solid that they imply (`delaunay_cut`). Smooth samples need none of this: signs carried along a spanning tree
+are believed if the solid that they imply agrees with all of them.
 """
 
 from __future__ import annotations
@@ -22,17 +23,24 @@ from numpy.typing import NDArray
 from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.dipoles import DipoleSolver, border_mean
 from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, turned_towards, unit
+from topokit.core.cloud.propagation import propagate_signs
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 Scale = Literal["coarse", "fine"]
 
 _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1.05, "coarse solve": 1.05}
 """Cost factors: a candidate without alternation must be clearly better."""
 
 _FEW_CONTRADICTED = 0.002  # share of normals against their own solid up to which propagation is believed
+_SMOOTH = (
+    0.2  # roughness up to which propagation is tried on all points: 47 clean shapes, 30 below, 27 of these believed
+)
+_GRAPH = 8  # neighbors that signs are carried to
+_SMALLEST_PART = 20  # samples of the smallest part that must be covered by itself
 _MOSTLY_COVERED = 0.9  # coverage that it needs for that; edges of CAD parts leave 8 % of the samples off the surface
 _INTERPOLATING = 0.97  # coverage from which samples count as free of noise, so that a missed one is a missed feature
 _COVERAGE_POWER = 9.0  # how much a missed sample costs then
@@ -75,6 +83,9 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
         local: neighborhoods of the points.
     """
     complex_ = delaunay_complex(points, local.spacings)
+    propagated = _propagated(points, local, complex_)
+    if propagated is not None:
+        return propagated
     directions = candidate_directions(points, local)
     cleaned = [clean_normals(points, direction, local.index) for direction in directions.values()]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
@@ -95,7 +106,35 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     return Orientation(normals, best, costs, cut.coverage, complex_)
 
 
-def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> Orientation:
+def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Orientation | None:
+    """Normals with the signs of a spanning tree, if the samples are smooth and the solid that they imply agrees."""
+    if local.roughness > _SMOOTH:
+        return None
+    found = propagate_signs(points, local.normals, local.areas, local.index[:, 1 : _GRAPH + 1].astype(np.int32))
+    normals = clean_normals(points, found.normals, local.index)
+    cut = cut_complex(complex_, normals)
+    surface, is_on = surface_normals(complex_, cut.inside, normals)
+    if not _is_believed(surface, is_on, normals, found.parts, _INTERPOLATING):
+        return None
+    outward = unit(surface + normals + 1e-9 * found.normals)  # the last term decides where the others cancel
+    return Orientation(outward, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_)
+
+
+def _is_believed(surface: Floats, is_on: Booleans, normals: Floats, parts: Integers, least_coverage: float) -> bool:
+    """Whether a solid contradicts few of the normals (N, 3) and no part of the cloud is off its surface.
+
+    A cavity whose normals point out of it rather than into it is left out by the cut: however small, its part tells.
+    """
+    contradicted = float(((surface * normals).sum(1) < 0).mean())
+    size = np.bincount(parts)
+    covered = np.bincount(parts, is_on)[size >= _SMALLEST_PART] / size[size >= _SMALLEST_PART]
+    whole = float(is_on.mean())
+    return contradicted <= _FEW_CONTRADICTED and min(whole, *covered) >= least_coverage
+
+
+def orient_by_patches(
+    points: Floats, normals: Floats, patches: Integers, parts: Integers, local: LocalGeometry
+) -> Orientation:
     """Outward normals for samples whose normals are known up to the signs of whole patches.
 
     The normals are believed where the solid that they imply contradicts few of them. Otherwise they compete with the
@@ -104,14 +143,14 @@ def orient_by_patches(points: Floats, normals: Floats, patches: Integers, local:
     Args:
         points: (N, 3), centered, of moderate extent and number.
         normals: (N, 3), unit, outward if nothing went wrong on the way along the surface.
-        patches: (N,), numbers 0, 1, … of parts within which the signs agree.
+        patches: (N,), numbers 0, 1, … of pieces within which the signs agree.
+        parts: (N,), numbers of the connected parts of the cloud.
         local: neighborhoods of the points.
     """
     complex_ = delaunay_complex(points, local.spacings)
     cut = cut_complex(complex_, normals)
-    surface, _ = surface_normals(complex_, cut.inside, normals)
-    contradicted = float(((surface * normals).sum(1) < 0).mean())
-    if contradicted <= _FEW_CONTRADICTED and cut.coverage >= _MOSTLY_COVERED:
+    surface, is_on = surface_normals(complex_, cut.inside, normals)
+    if _is_believed(surface, is_on, normals, parts, _MOSTLY_COVERED):
         return Orientation(normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, cut)
     others = _resigned(points, normals, patches, local)
     with ThreadPoolExecutor(os.cpu_count()) as threads:

@@ -15,11 +15,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn.functional import max_pool3d
 
 import topokit as tk
 from benchmarks.topology_tasks import TASKS, GridModel, PersistenceLoss, fit, noisy_distances
+from topokit.losses import SearchOptions
 
 
 def torus(size: int) -> Tensor:
@@ -77,6 +78,51 @@ def mean_step(start: Tensor, loss: Callable[[Tensor], Tensor], steps: int) -> fl
         total += time.perf_counter() - started
         optimizer.step()
     return total / steps
+
+
+def test_topology_loss_of_a_network_at_64_against_a_step_of_its_training() -> None:
+    """A network of width 64 whose data term takes 2048 points; the grid of the loss has 65³, of which few decide.
+
+    The steps take turns, so that a slow moment of the machine hits all. The means of 20 calls include the first, which
+    evaluates all of the grid.
+    """
+    net = nn.Sequential(nn.Linear(3, 64), nn.Softplus(20), nn.Linear(64, 64), nn.Softplus(20), nn.Linear(64, 1))
+    optimizer = torch.optim.Adam(net.parameters(), 1e-3)
+    for _ in range(150):
+        data_step(net, optimizer)
+    shape = tk.from_sdf(net, bounds=((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)))
+    losses = {
+        "all of the grid": tk.TopologyLoss(genus=1),
+        "near the level": tk.TopologyLoss(genus=1),
+        "near the level in every tenth call": tk.TopologyLoss(genus=1, search=SearchOptions(evaluate_every=10)),
+    }
+    times: dict[str, list[float]] = {name: [] for name in ("data", *losses)}
+    for _ in range(20):
+        times["data"].append(processor_seconds(lambda: data_step(net, optimizer)))
+        for name, loss in losses.items():
+            if name == "all of the grid":
+                for known in loss.tracker._values:
+                    known._known = None
+            times[name].append(processor_seconds(lambda loss=loss: loss(shape).backward()))
+    step = statistics.mean(times["data"])
+    ratios = {name: statistics.mean(times[name]) / step for name in losses}
+    print(f"\nTopologyLoss of a network, in steps of its training of {1e3 * step:.1f} ms each:")
+    print("\n".join(f"{name}: {ratio:.1f}" for name, ratio in ratios.items()))
+    assert ratios["near the level"] < 0.4 * ratios["all of the grid"]
+
+
+def data_step(net: nn.Module, optimizer: torch.optim.Optimizer) -> None:
+    points = 2 * torch.rand(2048, 3) - 1
+    distance = torch.hypot(points[:, :2].norm(dim=1) - 0.6, points[:, 2]) - 0.25
+    optimizer.zero_grad()
+    (net(points)[:, 0] - distance).abs().mean().backward()
+    optimizer.step()
+
+
+def processor_seconds(work: Callable[[], object]) -> float:
+    started = time.process_time()
+    work()
+    return time.process_time() - started
 
 
 def test_memory_at_128_is_at_most_ten_grids() -> None:

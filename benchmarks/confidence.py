@@ -64,7 +64,7 @@ def draws(count: int, names: Sequence[str]) -> Iterator[Draw]:
 
 def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
     """The closed meshes of known truth, by name."""
-    rows = json.loads((folder / "index.json").read_text())
+    rows = json.loads((folder / "index.json").read_text(encoding="utf-8"))
     return {
         row["name"]: row for row in rows if row["kind"] == "mesh" and row.get("clean_truth") and row["genus"] < 1000
     }
@@ -129,7 +129,7 @@ def collect(options: argparse.Namespace) -> None:
 
 def read_rows(path: Path) -> list[dict[str, Any]]:
     """The answers of a file."""
-    return [json.loads(line) for line in path.read_text().splitlines()]
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def fit_model(evidence: Floats, right: Floats) -> Floats:

@@ -96,7 +96,7 @@ def compare(folder: Path) -> None:
 
 
 def clean_meshes(data: Path) -> Iterator[tuple[str, int, np.ndarray, np.ndarray]]:
-    for row in json.loads((data / "index.json").read_text()):
+    for row in json.loads((data / "index.json").read_text(encoding="utf-8")):
         if row["kind"] == "mesh" and row["clean_truth"] and row["genus"]:
             vertices, faces = (part.numpy() for part in tk.load(data / row["path"]).mesh)
             yield row["name"], row["genus"], vertices.astype(np.float64), faces

@@ -29,6 +29,8 @@ TERMINATED_EVERY = 4  # one run in so many is ended by SIGTERM instead
 SHARE = 0.95  # of the CPU time of an undisturbed run, within which the signals come
 POLL = 0.02  # s
 SLOWEST = 60.0  # s from the signal to the end
+CLEAN, ENDED, BEFORE = "clean", "had ended", "before topokit was loaded"
+FINE = {CLEAN, ENDED, BEFORE}
 
 
 class Ball(torch.nn.Module):
@@ -127,9 +129,9 @@ def _cpu_time(process: psutil.Process) -> float:
 
 def _judged(run: Run, number: signal.Signals, code: int, out: str, errors: str) -> str:
     if code == 0 and not errors:
-        return "had ended"
+        return ENDED
     if code in (-number, 1) and "topokit" not in errors.replace("-m topokit", "") and not out:
-        return "before topokit was loaded"
+        return BEFORE
     if code != 128 + number:
         return f"exit code {code}: {errors[-300:]}"
     if errors.count("\n") != 1 or "Traceback" in errors:
@@ -143,7 +145,7 @@ def _judged(run: Run, number: signal.Signals, code: int, out: str, errors: str) 
         left = [path.name for path in run.output.parent.iterdir() if ".part" in path.name]
         if left or (run.output.exists() and run.output.stat().st_size == 0):
             return f"unfinished files: {left}"
-    return "clean"
+    return CLEAN
 
 
 def moments(runs: list[Run], count: int, seed: int) -> Iterator[tuple[Run, signal.Signals, float]]:
@@ -167,7 +169,7 @@ def main() -> None:
             slowest[run.name] = max(after, slowest.get(run.name, 0.0))
     for name, counts in found.items():
         print(f"{name}: {seconds[name]:.1f} CPU s undisturbed, the slowest end {slowest[name]:.2f} s; {dict(counts)}")
-    wrong = {how for counts in found.values() for how in counts} - {"clean", "had ended", "before topokit was loaded"}
+    wrong = {how for counts in found.values() for how in counts} - FINE
     sys.exit("\n".join(sorted(wrong)) or None)
 
 

@@ -91,7 +91,7 @@ def splats(mesh: trimesh.Trimesh) -> tk.Shape:
 
 def shapes(data: Path, kind: str) -> Iterator[Named]:
     """The shapes of one kind, each opened when it is asked for."""
-    rows = json.loads((data / "index.json").read_text())
+    rows = json.loads((data / "index.json").read_text(encoding="utf-8"))
     if kind == "networks":
         box = ((-1.0,) * 3, (1.0,) * 3)
         for row in (row for row in rows if row["kind"] == "sdfnet" and row.get("chi") is not None):

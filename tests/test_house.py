@@ -46,7 +46,7 @@ def module_name(path: Path) -> str:
 def imported(path: Path) -> set[str]:
     """topokit modules that a file imports at run time, `if TYPE_CHECKING` left out."""
     found: set[str] = set()
-    pending: list[ast.AST] = [ast.parse(path.read_text())]
+    pending: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     while pending:
         node = pending.pop()
         if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
@@ -126,13 +126,13 @@ def test_heavy_packages_wait_until_they_are_needed() -> None:
 
 
 def test_modules_stay_short() -> None:
-    lengths = {path.name: len(path.read_text().splitlines()) for path in MODULES}
+    lengths = {path.name: len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES}
     assert max(lengths.values()) <= 320, lengths
 
 
 def test_no_broad_excepts_and_no_cdist() -> None:
     for path in MODULES:
-        text = path.read_text()
+        text = path.read_text(encoding="utf-8")
         allowed = 1 if path.name == "foreign_code.py" else 0  # the boundary with third-party code; argued there
         assert text.count("except Exception") == allowed, path
         assert "except:" not in text, path
@@ -143,6 +143,6 @@ def test_open3d_is_imported_in_one_file_only() -> None:
     importing = [
         str(path.relative_to(ROOT))
         for path in MODULES
-        if re.search(r"^\s*(import|from) open3d", path.read_text(), re.MULTILINE)
+        if re.search(r"^\s*(import|from) open3d", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert len(importing) == 1

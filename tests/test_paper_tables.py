@@ -41,7 +41,7 @@ def test_topology_quick_runs(tmp_path: Path) -> None:
     out = tmp_path / "out.json"
     words = [sys.executable, str(SCRIPT), "topology", "--quick", "--json", str(out)]
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=240)
-    tables = json.loads(out.read_text())["tables"]
+    tables = json.loads(out.read_text(encoding="utf-8"))["tables"]
     assert [len(table["rows"]) for table in tables] == [20, 12, 7]
     assert done.stdout.count("### ") == 3
     icosphere = next(row for row in tables[0]["rows"] if row[0] == "Icosphere")

@@ -11,7 +11,7 @@ import topokit as tk
 
 
 def rows(data: Path, kind: str) -> list[dict]:
-    return [row for row in json.loads((data / "index.json").read_text()) if row["kind"] == kind]
+    return [row for row in json.loads((data / "index.json").read_text(encoding="utf-8")) if row["kind"] == kind]
 
 
 def test_meshes_are_exactly_right_and_certain(real_data: Path) -> None:

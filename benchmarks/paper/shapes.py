@@ -143,7 +143,7 @@ def _stored(data: Path, taken: set[str]) -> Iterator[Row]:
 
 def clean_meshes(data: Path) -> list[tuple[str, int, Path]]:
     """Name, χ and file of all clean closed meshes of genus below 1 000."""
-    index = json.loads((data / "index.json").read_text())
+    index = json.loads((data / "index.json").read_text(encoding="utf-8"))
     clean = [row for row in index if row["kind"] == "mesh" and row.get("clean_truth") and row["genus"] < 1000]
     return [(row["name"], row["chi"], data / row["path"]) for row in clean]
 

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import topokit as tk
@@ -19,6 +20,7 @@ from topokit.errors import InputError
 
 pytest.importorskip("distributed")
 
+pytestmark = pytest.mark.long  # workers take seconds to start
 DATA = Path(__file__).resolve().parents[1] / "data"
 NAMES = ("sphere.ply", "torus.stl", "bowl.obj", "truncated.stl")
 
@@ -65,6 +67,27 @@ def test_a_task_that_kills_workers_costs_one_result(dask_client: Any) -> None:
     found = dict(map_on_cluster(kills_its_worker, tasks, dask_client, lambda task, how: deaths.append(how) or 0))
     assert [found[number] for number in range(len(tasks))] == [task if task > 0 else 0 for task in tasks]
     assert deaths == ["the workers of the cluster that examined it died, one after the other"]
+
+
+def test_a_large_volume_is_counted_by_all_workers(
+    dask_client: Any, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("numba", reason="counting block by block needs numba")
+    np.save(folder / "volume.npy", np.random.default_rng(0).random((20, 30, 40)) < 0.3)
+    expected = tk.survey(folder).rows
+    monkeypatch.setattr("topokit.adapters.voxels.large.MOST_IN_MEMORY", 1000)
+    from topokit.adapters.voxels import counting
+
+    clients: list[Any] = []
+    original = counting.answer_in_blocks
+
+    def watched(*given: Any) -> Any:
+        clients.append(given[-1])
+        return original(*given)
+
+    monkeypatch.setattr(counting, "answer_in_blocks", watched)
+    assert answered(tk.survey(folder, client=dask_client).rows) == answered(expected)
+    assert clients == [dask_client]
 
 
 def test_limits_and_addresses_that_do_not_fit() -> None:

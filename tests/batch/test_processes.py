@@ -6,8 +6,10 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from itertools import islice
+from pathlib import Path
 
 import pytest
 
@@ -52,6 +54,16 @@ def test_processes_end_with_the_iterator() -> None:
     assert time.perf_counter() - started < 60
     with pytest.raises(StopIteration):
         next(coming)
+
+
+def test_temporary_files_of_processes_are_removed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    make = "(__import__('tempfile').mkdtemp(), __import__('time').sleep(1000 * {}))[0]"
+    coming = map_in_processes(eval, [make.format(0), make.format(1)], 2, after_death)
+    assert Path(next(coming)).parent.parent == tmp_path
+    coming.close()
+    assert not list(tmp_path.iterdir())
 
 
 def test_few_tasks_are_taken_ahead(monkeypatch: pytest.MonkeyPatch) -> None:

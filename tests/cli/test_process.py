@@ -145,3 +145,13 @@ def test_limits_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
     assert "it took longer than the time limit of 1 s" in found.stderr
     wrong = subprocess.run([*command, "--memory-limit", "0"], capture_output=True, text=True, timeout=240)
     assert wrong.returncode == 2
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+@pytest.mark.parametrize("arguments", [(), ("--jsonl", "-o", "/dev/full"), ("--json",)])
+def test_a_full_disk_is_a_clear_error(arguments: tuple[str, ...]) -> None:
+    command = [*TOPOKIT, "report", str(DATA / "sphere.ply"), *arguments]
+    with open("/dev/full", "w") as full:
+        found = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert found.returncode == 1
+    assert found.stderr == "topokit: results could not be written (No space left on device).\n"

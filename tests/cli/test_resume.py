@@ -61,6 +61,7 @@ def test_what_cannot_be_resumed_is_wrong_usage(folder: Path, more: list[str]) ->
     assert "--resume goes with -o and --jsonl" in ran.stderr.replace("\n", " ")
 
 
+@pytest.mark.long
 def test_a_local_cluster_gives_every_row_once(folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     rows = tmp_path / "rows.jsonl"

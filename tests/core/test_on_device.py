@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 import torch
 from torch import Tensor
@@ -145,6 +151,19 @@ def test_lengths_are_checked() -> None:
         SurfaceSamples(points, lengths=torch.tensor([30.0, 30.0]))
     with pytest.raises(InputError, match="different sizes"):
         tk.from_points(*ragged()[:2], lengths=ragged()[2]).refined_euler(2)
+
+
+def test_the_example_watches_a_training() -> None:
+    example = Path(__file__).resolve().parents[2] / "examples" / "monitor_training.py"
+    command = [sys.executable, str(example), "--clouds", "2", "--points", "800", "--steps", "3"]
+    ran = subprocess.run(
+        command, capture_output=True, text=True, encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"}
+    )
+    assert ran.returncode == 0, ran.stderr
+    least_sphere, most_sphere, least_torus, most_torus = map(float, re.findall(r"([+-]\d\.\d\d)", ran.stdout))
+    assert 1.8 < least_sphere <= most_sphere < 2.2
+    assert -0.5 < least_torus <= most_torus < 0.5
+    assert re.search(r"watching adds \d+ %", ran.stdout)
 
 
 def test_a_report_refuses_values_that_were_not_looked_at() -> None:

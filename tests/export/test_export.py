@@ -84,7 +84,7 @@ def test_what_cannot_be_exported_is_explained(tmp_path: Path) -> None:
 def test_export_knows_nothing_of_shapes_adapters_or_reports_at_run_time() -> None:
     """So that the methods of `Shape` may import it."""
     for path in Path(topokit.export.__file__).parent.glob("*.py"):
-        tree = ast.parse(path.read_text())
+        tree = ast.parse(path.read_text(encoding="utf-8"))
         typed = [node for node in tree.body if isinstance(node, ast.If)]
         names = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module}
         names -= {n.module for block in typed for n in ast.walk(block) if isinstance(n, ast.ImportFrom) and n.module}

@@ -35,6 +35,7 @@ def prepared(name: str, folder: Path) -> tuple[Path, Any]:
     return path, read
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FORMATS)
 def test_damaged_files_end_in_an_error_about_the_file(name: str, tmp_path: Path) -> None:
     path, read = prepared(name, tmp_path)

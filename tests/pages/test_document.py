@@ -109,7 +109,7 @@ def test_a_page_that_fails_leaves_the_old_one(fragment: Fragment, tmp_path: Path
 
     with pytest.raises(KeyboardInterrupt):
         write_html(entries(), target)
-    assert target.read_text() == "old"
+    assert target.read_text(encoding="utf-8") == "old"
     assert list(tmp_path.iterdir()) == [target]
 
 
@@ -150,4 +150,4 @@ def test_the_deciding_reasons_are_marked_and_first() -> None:
 def test_the_bundle_is_built_from_the_sources() -> None:
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))).hexdigest()
     assert f"sources {digest}" in VIEWER.read_text(encoding="utf-8")[:200], "run npm ci && npm run build in web/"
-    assert "MIT" in VIEWER.with_name("THREE-LICENSE").read_text()
+    assert "MIT" in VIEWER.with_name("THREE-LICENSE").read_text(encoding="utf-8")

@@ -82,7 +82,7 @@ def connected(address: str, n_workers: int = 0) -> Iterator[Any]:
         raise MissingDependencyError('A cluster needs Dask: pip install "topokit[cluster]".') from error
     if address == LOCAL:
         options = {"n_workers": n_workers or n_cores(), "threads_per_worker": 1, "dashboard_address": ":0"}
-        with LocalCluster(silence_logs=logging.ERROR, **options) as cluster, Client(cluster) as client:
+        with LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster, Client(cluster) as client:
             yield client
         return
     try:

@@ -8,6 +8,7 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -44,7 +45,7 @@ def map_in_processes(
 
     The processes import the function by its name, but not the caller's main module, so a script needs no guard. Each
     has its share of the cores for threads of its own, unless the environment says otherwise. They end with the
-    iterator.
+    iterator, and what they have left in the folder for temporary files is removed.
 
     Args:
         function: of a module, so that it can be pickled; the result, too.
@@ -53,7 +54,8 @@ def map_in_processes(
         after_death: gives, for the task whose process died and the reason, the result in its place.
         limits: on each task; a process that exceeds one is ended.
     """
-    workers = [_Worker(max(1, n_cores() // jobs), limits) for _ in range(jobs)]
+    folder = tempfile.TemporaryDirectory(prefix="topokit-", ignore_cleanup_errors=True)
+    workers = [_Worker(max(1, n_cores() // jobs), folder.name, limits) for _ in range(jobs)]
     idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
     for worker in workers:
         idle.put(worker)
@@ -74,7 +76,7 @@ def map_in_processes(
 
     threads = ThreadPoolExecutor(jobs)
     try:
-        with finally_do(kill):
+        with finally_do(folder.cleanup), finally_do(kill):
             waiting: deque[Future[Result]] = deque()
             for task in tasks:
                 waiting.append(threads.submit(run, task))
@@ -95,11 +97,12 @@ class _DeathError(Exception):
 class _Worker:
     """A process that answers one task at a time; it is started with the first one, and again after its death."""
 
-    def __init__(self, n_threads: int, limits: Limits) -> None:
+    def __init__(self, n_threads: int, folder: str, limits: Limits) -> None:
         self._limits = limits
         self._least = 0.0  # GiB of the process before its first task
         threads = {name: str(n_threads) for name in _THREADS} | {"OMP_WAIT_POLICY": "passive"}
-        self._environment = threads | os.environ | {"TTY_INTERACTIVE": "0"}  # rich draws no bars, which would overlap
+        without_bars = {"TTY_INTERACTIVE": "0"}  # of rich, which would overlap
+        self._environment = threads | os.environ | without_bars | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
         self._process: subprocess.Popen[bytes] | None = None
         self._is_stopped = False
 

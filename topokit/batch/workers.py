@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
-from topokit.batch.examine import Answer, Questions, examine, failure
+from topokit.batch.examine import Answer, Options, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.processes import map_in_processes, n_cores
 from topokit.batch.sources import Source
-from topokit.errors import InputError
+from topokit.errors import InputError, TopokitError
+
+_STORED = (".zarr", ".h5", ".hdf5", ".npy")  # files, or folders, that may hold a volume to be counted block by block
 
 
 def examine_each(
@@ -33,18 +36,58 @@ def examine_each(
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
     jobs = jobs or n_cores()
     if client is not None:
-        from topokit.batch.cluster import map_on_cluster
-
         if limits:
             raise InputError("limits on time and memory are for processes of this machine; a cluster has its own.")
-        found = [replace(source, path=source.path.absolute()) for source in sources]  # workers may be in other folders
-        with closing(map_on_cluster(ask, found, client, _after_death)) as coming:
-            yield from coming
+        yield from _on_cluster(sources, questions, client)
     elif (jobs == 1 and not limits) or not sources:
         yield from enumerate(map(ask, sources))
     else:
         with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death, limits)) as answers:
             yield from enumerate(answers)
+
+
+@dataclass(frozen=True)
+class _WithClient:
+    """The options of a volume whose blocks are counted by a cluster."""
+
+    options: Options
+    client: Any
+
+    def __call__(self, path: Path) -> tuple[str, Mapping[str, Any]]:
+        """The adapter's name and its options."""
+        adapter, options = self.options(path)
+        return adapter, {**options, "client": self.client}
+
+
+def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) -> Generator[tuple[int, list[Answer]]]:
+    """The answers of a cluster: each file by one worker, then each large volume by all of them."""
+    from topokit.batch.cluster import map_on_cluster
+
+    found = [replace(source, path=source.path.absolute()) for source in sources]  # workers may be in other folders
+    large = [number for number, source in enumerate(found) if _is_large(source, questions)]
+    others = [number for number in range(len(found)) if number not in set(large)]
+    ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
+    with closing(map_on_cluster(ask, [found[number] for number in others], client, _after_death)) as coming:
+        for place, answers in coming:
+            yield others[place], answers
+    by_all = replace(questions, options=_WithClient(questions.options, client))
+    for number in large:
+        yield number, examine(found[number], by_all)
+
+
+def _is_large(source: Source, questions: Questions) -> bool:
+    """Whether a file is a volume that is counted block by block."""
+    if source.problem is not None or not (source.path.is_dir() or source.path.suffix.lower() in _STORED):
+        return False
+    from topokit.adapters.voxels.large import blocks_of
+
+    try:
+        adapter, options = questions.options(source.path)
+        if adapter != "voxels":
+            return False
+        return blocks_of(source.path, options.get("dataset"), options.get("block_voxels"), None) is not None
+    except TopokitError:  # its answer says so
+        return False
 
 
 def _after_death(source: Source, how: str) -> list[Answer]:

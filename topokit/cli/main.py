@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import os
 import sys
 
-from topokit.ending import end_on_signals
+from topokit.ending import end_on_signals, leave
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)  # of a disk
 
 
 def main() -> None:
@@ -18,6 +21,10 @@ def main() -> None:
         app(prog_name="topokit")
     except SystemExit as end:
         _end(end.code)
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        leave(1, f"results could not be written ({error.strerror}).")
 
 
 def _end(code: object) -> None:

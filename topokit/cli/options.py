@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _PANEL = "Options of formats"
 _TEXTS = {
     "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
+    "logits": "Occupancy networks: true if they return log-odds; the level stays a probability.",
     "regularize": "Points: true moves them onto the surface of their winding number.",
     "level": "Volumes and networks: value on the surface.",
     "label": "Volumes: voxels with this label, or with one of several, as 1,2, are the solid.",

@@ -6,6 +6,7 @@ import math
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 
 from topokit.core.jacobi import eigenvector_by_rotations
 from topokit.core.residence import stays_on_device
@@ -143,7 +144,8 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, least_gap: float = LEAS
 
     The decomposition itself runs outside the graph. One Newton step on the eigenvector equation, zero in value,
     carries the derivative dn = −T (Tᵀ(C − λI)T)⁻¹ Tᵀ dC n, in which the gaps 1/(λᵢ − λ_min) are bounded where the
-    eigenvector is not determined (planes seen edge-on, balls, duplicate points).
+    eigenvector is not determined (planes seen edge-on, balls, duplicate points). The step's error is of third order in
+    dC, so that second derivatives are right, too, where the gaps are not bounded.
 
     Args:
         matrix: (..., 3, 3), symmetric; scaled so that its trace is about 1.
@@ -155,12 +157,12 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, least_gap: float = LEAS
     """
     fixed = matrix.detach()
     start = _smallest_eigenvector_value(fixed)
-    if not (torch.is_grad_enabled() and matrix.requires_grad):
+    if not _needs_derivative(matrix):
         return normalize(start)
     basis = tangent_basis(start, helper)
     tangent = basis[..., :2, :]  # (..., 2, 3)
-    energy = (start.unsqueeze(-2) @ fixed @ start.unsqueeze(-1)).squeeze(-1)
-    shifted = tangent @ fixed @ tangent.mT
+    energy = (start.unsqueeze(-2) @ matrix @ start.unsqueeze(-1)).squeeze(-1)
+    shifted = tangent @ matrix @ tangent.mT
     shifted = shifted - energy[..., None] * torch.eye(2, dtype=matrix.dtype, device=matrix.device)
     size = trace(fixed)
     shifted = lift_smallest_eigenvalue(shifted, least_gap * size.where(size > 0, 1))
@@ -168,6 +170,13 @@ def smallest_eigenvector(matrix: Tensor, helper: Tensor, least_gap: float = LEAS
     residual = (tangent @ matrix @ start.unsqueeze(-1)) - (tangent @ fixed @ start.unsqueeze(-1))
     step = tangent.mT @ (inverse @ residual)
     return normalize(start - step.squeeze(-1))
+
+
+def _needs_derivative(tensor: Tensor) -> bool:
+    """Whether a derivative will be taken, backward or forward (`torch.func.jvp`)."""
+    if tensor.requires_grad or torch.compiler.is_compiling():
+        return torch.is_grad_enabled()
+    return forward_ad.unpack_dual(tensor).tangent is not None
 
 
 def _smallest_eigenvector_value(matrix: Tensor) -> Tensor:

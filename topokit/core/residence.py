@@ -23,7 +23,8 @@ def as_on_accelerator() -> Iterator[None]:
     """Context in which tensors on the CPU are treated as those on accelerators are.
 
     Neighbors are searched in torch operations instead of SciPy's KD-tree, and samples are not checked for NaN, which
-    would be a look at the device: NaN in gives NaN out. For tests, on machines without an accelerator.
+    would be a look at the device: NaN in gives NaN out. For tests, on machines without an accelerator. Take the
+    backward pass inside, too: it repeats parts of the forward pass.
 
     Example:
         >>> import topokit as tk

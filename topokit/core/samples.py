@@ -30,8 +30,9 @@ class SurfaceSamples:
             is no padding. Padding may hold anything finite.
 
     Raises:
-        InputError: on wrong shapes, types or devices, and on the CPU for values that are not finite. On accelerators
-            the values are not looked at, which would interrupt the work there: NaN in gives NaN out.
+        InputError: on wrong shapes, types or devices, and on the CPU for values that are not finite, or points that
+            span so much or so little that areas and curvature leave the range of their type. On accelerators the values
+            are not looked at, which would interrupt the work there: NaN in gives NaN out.
     """
 
     points: Tensor
@@ -45,6 +46,8 @@ class SurfaceSamples:
         _check(self.points, "points")
         if self.points.ndim < 2 or self.points.shape[-1] != 3:
             raise InputError(f"points must have shape (..., N, 3), got {tuple(self.points.shape)}.")
+        if not stays_on_device(self.points):
+            _check_extent(self.points.detach())
         shape = self.points.shape
         expected = {"normals": shape, "frames": (*shape, 3), "areas": shape[:-1]}
         for name, wanted in expected.items():
@@ -67,7 +70,7 @@ class SurfaceSamples:
             object.__setattr__(self, "oriented", False)
 
     def check_finite(self) -> None:
-        """Look for values that are not finite, on any device.
+        """Look for values that are not finite, and for distances whose squares are not, on any device.
 
         Raises:
             InputError: if there are some.
@@ -76,6 +79,7 @@ class SurfaceSamples:
         for name, value in named.items():
             if value is not None:
                 _check_finite(value, name)
+        _check_extent(self.points.detach())
 
     @property
     def n_points(self) -> int:
@@ -141,6 +145,11 @@ class SurfaceSamples:
         )
 
 
+def largest_coordinate(dtype: torch.dtype) -> float:
+    """The limit of coordinates in this type: squares of distances stay finite below it."""
+    return float(torch.finfo(dtype).max) ** 0.5 / 8  # a distance is at most 2√3 times as large
+
+
 def _check_lengths(lengths: object, points: Tensor) -> None:
     if not isinstance(lengths, Tensor) or lengths.dtype != torch.int64 or lengths.device != points.device:
         raise InputError(f"lengths must be an int64 tensor on {points.device}, got {lengths!r}.")
@@ -186,6 +195,25 @@ def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> Surf
             f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
         )
     return samples
+
+
+def _check_extent(points: Tensor) -> None:
+    """Refuse coordinates, and distances between neighbors, whose squares the type cannot hold; half types are skipped.
+
+    Points that all coincide have no distance, and pass.
+    """
+    if points.dtype not in (torch.float32, torch.float64) or not points.numel():
+        return
+    advice = "Divide them by their size" + (", or use float64." if points.dtype == torch.float32 else ".")
+    largest = float(points.abs().amax())
+    if largest > largest_coordinate(points.dtype):
+        raise InputError(f"the points have coordinates up to {largest:g}, whose squares leave {points.dtype}. {advice}")
+    extents = (points.amax(-2) - points.amin(-2)).amax(-1)
+    smallest = float(torch.where(extents > 0, extents, torch.inf).min())
+    if smallest < (float(torch.finfo(points.dtype).tiny) * points.shape[-2]) ** 0.5:
+        raise InputError(
+            f"the points span only {smallest:g}, and the squares of their distances leave {points.dtype}. {advice}"
+        )
 
 
 def _check(value: object, name: str) -> None:

@@ -49,8 +49,8 @@ def k_smallest_if_clear(distances: Tensor, index: Tensor, k: int) -> tuple[Tenso
 
 def squared_distances(queries: Tensor, points: Tensor) -> Tensor:
     """|q − p|² of all pairs, (..., n, 3) and (..., m, 3) → (..., n, m); by differences, which keep all digits."""
-    squares = ((queries[..., :, None, axis] - points[..., None, :, axis]).square_() for axis in range(3))
-    return reduce(Tensor.add_, squares)
+    differences = (queries[..., :, None, axis] - points[..., None, :, axis] for axis in range(3))
+    return reduce(Tensor.add_, (difference.mul_(difference) for difference in differences))
 
 
 def blocks(count: int, pairs_each: int, device: torch.device) -> Iterator[slice]:

@@ -17,6 +17,7 @@ from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
 Quantity = Literal["gaussian", "mean", "total"]
+_LEAST = 1e-200  # stands for a distance of 0; its inverse can still be summed
 _NEAREST = 6  # samples from which the value at a mesh vertex is interpolated
 
 
@@ -113,6 +114,6 @@ def diverging_colors(values: Floats, limit: float | None = None) -> NDArray[np.u
 def interpolate(points: Floats, values: Floats, targets: Floats, n_nearest: int = _NEAREST) -> Floats:
     """Values of points (N, ...) at targets (M, 3): distance-weighted means over the nearest points, (M, ...)."""
     distances, index = cKDTree(points).query(targets, min(n_nearest, len(points)))
-    weights = 1 / np.maximum(distances, 1e-3 * distances[:, -1:] + np.finfo(float).tiny)
+    weights = 1 / np.maximum(distances, 1e-3 * distances[:, -1:] + _LEAST)
     totals = weights.sum(axis=1)
     return np.einsum("mk,mk...->m...", weights, values[index]) / totals.reshape(-1, *[1] * (values.ndim - 1))

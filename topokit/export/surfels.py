@@ -76,7 +76,8 @@ def render(surfels: Surfels, eye: tuple[float, float, float], side: int, fine: i
     right = unit(np.cross((0.0, 0.0, 1.0), toward))
     axes = np.stack([right, np.cross(toward, right), toward])
     low, high = (surfels.points @ axes.T).min(0), (surfels.points @ axes.T).max(0)
-    scale = side * (1 - 2 * _MARGIN) / (high - low)[:2].max()
+    extent = (high - low)[:2].max()
+    scale = side * (1 - 2 * _MARGIN) / (extent if extent > 0 else 1.0)  # all in one place: a dot
     places = (surfels.points @ axes.T - (low + high) / 2) * scale  # in pixels of the picture
     nearest, depth = _nearest(places, side, fine)
     seen = nearest >= 0

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import tempfile
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,7 +44,9 @@ def ply_elements(
     """
     from plyfile import PlyParseError
 
-    with reading(path, "plyfile", PlyParseError), _readable(path, check_header(path)) as file:
+    guard = reading(path, "plyfile", PlyParseError)
+    with guard, _readable(path, check_header(path)) as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)  # of empty lists
         elements = _elements(file, list_lengths)
     return {element.name: _with_halves(element.data) for element in elements}
 

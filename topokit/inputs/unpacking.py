@@ -8,9 +8,11 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from topokit.ending import finally_do
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.files import GZIP, existing_file
 from topokit.inputs.reading import reading, require_expansion
@@ -22,7 +24,8 @@ _FORBIDDEN = set('/\\:*?"<>|\0')  # in a file's name, on one platform or another
 
 def is_content(source: object) -> bool:
     """Whether this is bytes or a file object, rather than a path or a shape."""
-    return isinstance(source, bytes | bytearray | memoryview) or callable(getattr(source, "read", None))
+    is_file = all(callable(getattr(source, name, None)) for name in ("read", "close"))
+    return isinstance(source, bytes | bytearray | memoryview) or is_file
 
 
 @contextmanager
@@ -102,12 +105,14 @@ def _temporary(name: str, called: str, write: Callable[[BinaryIO], None]) -> Ite
     """A file in a folder of its own, which is gone after the block; errors name it as it is called."""
     folder = tempfile.mkdtemp(prefix="topokit-")
     path = Path(folder) / name
-    try:
-        with path.open("wb") as file:
-            write(file)
-        yield path
-    except TopokitError as error:
-        error.args = tuple(part.replace(str(path), called) if isinstance(part, str) else part for part in error.args)
-        raise
-    finally:
-        shutil.rmtree(folder, ignore_errors=os.name == "nt")  # Windows keeps files that are still mapped into memory
+    ignored = os.name == "nt"  # Windows keeps files that are still mapped into memory
+    with finally_do(partial(shutil.rmtree, folder, ignore_errors=ignored)):
+        try:
+            with path.open("wb") as file:
+                write(file)
+            yield path
+        except TopokitError as error:
+            error.args = tuple(
+                text.replace(str(path), called) if isinstance(text, str) else text for text in error.args
+            )
+            raise

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topokit.errors import AdapterError, InputError, MissingDependencyError
+from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
@@ -140,7 +140,11 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
     """
     if is_content(source):
         with kept_in_file(source, format) as path:
-            return load(path, adapter=adapter, **options)
+            try:
+                return load(path, adapter=adapter, **options)
+            except UnknownFormatError as error:
+                hint = "" if format else " Or pass the suffix that such files have: format='stl'."
+                raise UnknownFormatError(f"{error}{hint}") from error
     source = _as_path(source)
     if format is not None:
         if not isinstance(source, Path) or source.is_dir():

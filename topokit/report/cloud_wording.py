@@ -131,6 +131,11 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
         )
     elif n_used < n_points:
         sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
+    if witness.is_widened:
+        sentences.append(
+            "Some walls or gaps are thinner than the samples resolve: they were shifted along their normals before the "
+            "integer was counted."
+        )
     if witness.wire is not None and witness.wire.n_stray:
         sentences.append(f"{plural(witness.wire.n_stray, 'point')} far from all wires were left out.")
     signs = witness.signs

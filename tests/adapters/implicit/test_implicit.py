@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 import math
 import pickle
@@ -222,7 +223,7 @@ def test_options_are_checked(make: Callable[..., tk.Shape], option: dict[str, An
 
 def test_both_functions_take_the_same_keywords() -> None:
     sdf, occupancy = (inspect.signature(make).parameters for make in (tk.from_sdf, tk.from_occupancy))
-    assert list(sdf) == list(occupancy)
+    assert list(sdf) == [name for name in occupancy if name != "logits"]  # distances have none
     for name in list(sdf)[1:]:
         assert sdf[name].kind is occupancy[name].kind is inspect.Parameter.KEYWORD_ONLY
         assert name == "level" or sdf[name].default == occupancy[name].default
@@ -554,3 +555,43 @@ def test_samples_do_not_depend_on_when_they_are_drawn() -> None:
     assert torch.equal(first.samples.points, late_first.samples.points)
     assert torch.equal(second.samples.points, late_second.samples.points)
     assert not torch.equal(first.samples.points, second.samples.points)
+
+
+# log-odds and latent codes
+
+
+def test_log_odds_describe_the_surface_of_their_probabilities() -> None:
+    def log_odds(x: Tensor) -> Tensor:
+        return 8 * (0.6 - x.norm(dim=1))
+
+    for level in (0.5, 0.3):
+        odds = tk.from_occupancy(log_odds, logits=True, level=level, bounds=BOX, **ROUGH)
+        shares = tk.from_occupancy(lambda x: log_odds(x).sigmoid(), level=level, bounds=BOX, **ROUGH)
+        assert odds.field is not None
+        assert shares.field is not None
+        assert torch.equal(odds.field.values() > 0, shares.field.values() > 0)
+    assert odds.report().euler == 2
+    for level in (0, 1, -2.0):
+        with pytest.raises(tk.InputError, match="probability between 0 and 1"):
+            tk.from_occupancy(log_odds, logits=True, level=level, bounds=BOX)
+
+
+def test_gradients_reach_a_latent_code() -> None:
+    decoder = network(nn.Softplus(10), torch.float32)
+    code = torch.tensor([0.1, 0.0, -0.1], requires_grad=True)
+    shape = tk.from_sdf(lambda x: decoder(x + code.expand(len(x), -1)), bounds=BOX, **ROUGH)
+    for value in (shape.smoothed_euler(0.1), tk.EulerLoss(0.0)(shape, 0.1), shape.euler()):
+        (slope,) = torch.autograd.grad(value, code)
+        assert slope.isfinite().all()
+        assert slope.abs().max() > 0
+
+
+def test_losses_take_compiled_networks() -> None:
+    net = network(nn.Softplus(10), torch.float32)
+    compiled = torch.compile(net, backend="aot_eager")
+    for loss in (tk.EulerLoss(0.0), tk.TopologyLoss(genus=1)):
+        found = []
+        for one in (net, compiled):
+            value = copy.deepcopy(loss)(tk.from_sdf(one, bounds=BOX, field_resolution=16), 0.05)
+            found.append((value.detach(), *torch.autograd.grad(value, list(net.parameters()))))
+        torch.testing.assert_close(found[1], found[0], rtol=1e-4, atol=1e-5)

@@ -365,7 +365,7 @@ def test_all_libraries_that_are_missing_are_named_at_once(monkeypatch: pytest.Mo
 
 
 def test_the_libraries_are_those_that_make_test_installs() -> None:
-    script = (ROOT / ".ci" / "system-libraries").read_text()
+    script = (ROOT / ".ci" / "system-libraries").read_text(encoding="utf-8")
     assert dict(re.findall(r"^has (\S+) \|\| packages=\"\$packages (\S+)\"", script, re.MULTILINE)) == (
         export._DEBIAN_PACKAGES
     )

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import io
-import resource
 import shutil
 import time
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +37,7 @@ from topokit.adapters.splats.formats import ply
 from topokit.errors import InputError, ReadError, UnknownFormatError
 
 REFUSALS = (InputError, ReadError, UnknownFormatError)
+resource: Any = pytest.importorskip("resource", reason="the memory of a process is measured as on Unix")
 N_FILES = [400, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each format
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used

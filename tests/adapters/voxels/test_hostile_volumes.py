@@ -32,7 +32,7 @@ def test_a_nifti_of_claimed_size_is_refused(tmp_path: Path) -> None:
 def test_a_tiff_of_claimed_size_is_refused(tmp_path: Path) -> None:
     import tifffile
 
-    for compression, message in ((None, "announces pages of shape"), ("zlib", "decompression bomb")):
+    for compression in (None, "zlib"):
         target = io.BytesIO()
         tifffile.imwrite(target, np.zeros((3, 8, 8), dtype=np.uint8), compression=compression, metadata=None)
         content = target.getvalue()
@@ -42,7 +42,7 @@ def test_a_tiff_of_claimed_size_is_refused(tmp_path: Path) -> None:
         for place in places:
             changed[place : place + 4] = (10**6).to_bytes(4, "little")
         (tmp_path / "f.tif").write_bytes(changed)
-        with pytest.raises(ReadError, match=message):
+        with pytest.raises(ReadError, match="announces 375000 strips of pixels"):
             read_volume(tmp_path / "f.tif")
 
 

@@ -18,6 +18,7 @@ from topokit.core.blocks.division import Box
 pytest.importorskip("numba", reason="counting block by block needs numba")
 dask_array = pytest.importorskip("dask.array")
 
+pytestmark = pytest.mark.long  # workers take seconds to start
 VOLUME = np.random.default_rng(0).random((30, 40, 50)) < 0.3
 
 

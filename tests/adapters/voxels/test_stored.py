@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 import topokit as tk
 from topokit.adapters.voxels import large
+from topokit.adapters.voxels.stored import stored_array
 from topokit.errors import InputError, ReadError
 
 pytest.importorskip("numba", reason="counting block by block needs numba")
@@ -55,6 +57,17 @@ def mapped(folder: Path, values: NDArray[Any]) -> Any:
     return np.load(npy_path(folder, values), mmap_mode="r")
 
 
+def n5_array(folder: Path, values: NDArray[Any]) -> Any:
+    """An array in the N5 format, opened by TensorStore."""
+    tensorstore = pytest.importorskip("tensorstore")
+    store = {"driver": "file", "path": str(folder / "v.n5")}
+    metadata = {"dataType": str(values.dtype), "dimensions": values.shape, "blockSize": [8, 5, 21]}
+    metadata["compression"] = {"type": "gzip"}
+    stored = tensorstore.open({"driver": "n5", "kvstore": store, "metadata": metadata, "create": True}).result()
+    stored[...] = values
+    return stored
+
+
 KINDS: dict[str, Make] = {
     "zarr path": zarr_path,
     "zarr array": lambda folder, values: zarr.open(zarr_path(folder, values), mode="r"),
@@ -66,6 +79,7 @@ KINDS: dict[str, Make] = {
     "memory map in Fortran order": lambda folder, values: mapped(folder, np.asfortranarray(values)),
     "slice of a memory map": lambda folder, values: mapped(folder, np.pad(values, 2))[2:-2, 2:-2, 2:-2],
     "Dask array": lambda folder, values: dask_array.from_array(values, chunks=((9, 10), (23,), (4, 8, 9))),
+    "N5 of TensorStore": n5_array,
     "array": lambda folder, values: values,
 }
 
@@ -128,6 +142,31 @@ def test_values_that_do_not_fit_are_refused_as_in_memory(
         tk.from_voxels(values, block_voxels=2, **options).report()
 
 
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if not kind.endswith("path") and kind != "array"])
+def test_other_processes_read_the_same(kind: str, tmp_path: Path) -> None:
+    stored = stored_array(KINDS[kind](tmp_path, volume()))
+    assert stored is not None
+    sent = pickle.loads(pickle.dumps(stored.at(((2, 9), (0, 23), (5, 6)))))
+    assert (np.asarray(sent() if callable(sent) else sent) == volume()[2:9, :, 5:6]).all()
+
+
+def test_the_voxel_sizes_of_an_hdf_file_are_used(tmp_path: Path) -> None:
+    with h5py.File(hdf_path(tmp_path, volume()), "r+") as file:
+        file["group/raw"].attrs["element_size_um"] = (2.0, 1.0, 0.5)
+    expected = tk.from_voxels(volume(), spacing=(2, 1, 0.5)).report()
+    for options in ({}, {"block_voxels": 500}):
+        assert same(tk.load(tmp_path / "v.h5", **options).report(), expected)
+
+
+def test_a_data_set_that_is_being_written_is_read(tmp_path: Path) -> None:
+    with h5py.File(hdf_path(tmp_path, volume()), "r+") as file:
+        file["group/raw"][0] = 7
+        changed = volume()
+        changed[0] = 7
+        found = tk.from_voxels(file["group/raw"], block_voxels=500).report()
+        assert same(found, tk.from_voxels(changed).report())
+
+
 def test_large_volumes_are_read_block_by_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = zarr_path(tmp_path, volume())
     expected = tk.from_voxels(path)
@@ -168,8 +207,16 @@ def test_groups_and_images_of_several_levels(tmp_path: Path) -> None:
         tk.load(tmp_path / "image.zarr")
     one = tk.load(tmp_path / "image.zarr", dataset="1").report()
     assert one.euler == tk.from_voxels(volume()[::2, ::2, ::2]).report().euler
-    group.attrs["ome"] = {"multiscales": [{"datasets": [{"path": "0"}, {"path": "1"}]}]}
-    assert tk.load(tmp_path / "image.zarr").report().euler == tk.from_voxels(volume()).report().euler
+    levels = [
+        {"path": name, "coordinateTransformations": [{"type": "scale", "scale": [step, 0.5 * step, 2 * step]}]}
+        for name, step in (("0", 1), ("1", 2))
+    ]
+    group.attrs["ome"] = {"multiscales": [{"datasets": levels}]}
+    for options in ({}, {"block_voxels": 500}):
+        finest = tk.load(tmp_path / "image.zarr", **options).report()
+        assert same(finest, tk.from_voxels(volume(), spacing=(1, 0.5, 2)).report())
+        coarse = tk.load(tmp_path / "image.zarr", dataset="1", **options).report()
+        assert same(coarse, tk.from_voxels(volume()[::2, ::2, ::2], spacing=(2, 1, 4)).report())
     with pytest.raises(ReadError, match="no array 'masks'"):
         tk.load(hdf_path(tmp_path, volume()), dataset="masks")
     with pytest.raises(InputError, match="names an array in a zarr group or HDF5 file"):
@@ -196,6 +243,9 @@ def test_what_is_no_volume_is_refused(tmp_path: Path) -> None:
         tk.from_voxels(zarr.zeros((3, 4)))
     with pytest.raises(InputError, match="real numbers, got complex"):
         tk.from_voxels(zarr.zeros((3, 4, 5), dtype="complex64"))
+    unknown = dask_array.from_array(np.arange(60), chunks=20)
+    with pytest.raises(InputError, match=r"got \(nan"):
+        tk.from_voxels(unknown[unknown > 3][:, None, None])
     with pytest.raises(InputError, match="block_voxels must be at least 1"):
         tk.from_voxels(volume(), block_voxels=0)
     (tmp_path / "v.nrrd").write_bytes(b"NRRD0004\n")

@@ -272,7 +272,7 @@ def test_an_array_of_points_stays_points(tmp_path: Path) -> None:
 
 def test_real_volumes(real_data: Path) -> None:
     """Every volume of the shared data that has a truth, under both connectivities."""
-    index = json.loads((real_data / "index.json").read_text())
+    index = json.loads((real_data / "index.json").read_text(encoding="utf-8"))
     rows = [row for row in index if row["kind"] == "voxels" and "solid_chi_26" in row]
     assert rows
     for row in rows:

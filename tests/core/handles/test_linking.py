@@ -143,7 +143,7 @@ def test_a_matrix_that_is_no_projector_is_noticed() -> None:
 
 
 def test_every_real_mesh_is_decided(real_data: Path) -> None:
-    rows = json.loads((real_data / "index.json").read_text())
+    rows = json.loads((real_data / "index.json").read_text(encoding="utf-8"))
     decided = 0
     for row in rows:
         if row["kind"] != "mesh" or not row.get("genus") or row["F"] > 12_000:

@@ -153,7 +153,7 @@ def test_a_surface_through_itself_has_no_inside() -> None:
 @pytest.mark.long
 def test_real_meshes_are_cut_and_filled_to_spheres(real_data: Path) -> None:
     """The smaller ones; `benchmarks/handles.py` does it for all."""
-    rows = json.loads((real_data / "index.json").read_text())
+    rows = json.loads((real_data / "index.json").read_text(encoding="utf-8"))
     done = 0
     for row in rows:
         if row["kind"] == "mesh" and row["clean_truth"] and row["genus"] and row["F"] < 6000:

@@ -46,7 +46,12 @@ def from_sdf(
     asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface.
     `euler()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
     whatever f was computed from; samples move along their normals (implicit function theorem). f must not change in
-    between.
+    between; but `smoothed_euler()` and the losses evaluate it anew in every call, so that one shape serves them for a
+    whole training. Pass `bounds` then: to find them takes evaluations.
+
+    A network with a latent code is a function of points once the code is fixed. It is called with up to 65 536 points
+    at a time, and gradients reach the code:
+    `from_sdf(lambda x: decoder(torch.cat((code.expand(len(x), -1), x), dim=1)), bounds=box)`.
 
     Args:
         f: any callable, `nn.Module` or not, compiled or not, on any device and of any floating type, that maps (N, 3)
@@ -81,6 +86,7 @@ def from_occupancy(
     *,
     bounds: Bounds | None = None,
     level: float = 0.5,
+    logits: bool = False,
     resolution: int = 512,
     n_samples: int = 10_000,
     field_resolution: int = 64,
@@ -92,7 +98,9 @@ def from_occupancy(
     Args:
         f: as for `from_sdf`.
         bounds: as for `from_sdf`.
-        level: value of f on the surface: 0.5 for probabilities, 0 for logits.
+        level: value of f on the surface, a probability.
+        logits: whether f returns log-odds instead of probabilities; `level` still is a probability. Gradients of
+            log-odds do not vanish far from the surface.
         resolution: as for `from_sdf`.
         n_samples: number of samples.
         field_resolution: as for `from_sdf`.
@@ -109,8 +117,15 @@ def from_occupancy(
         2
     """
     name, function = _name_and_function(f, "occupancy", "from_occupancy")
-    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, n_neighbors, generator)
+    on_surface = _log_odds(level) if logits else level
+    settings = _Settings(bounds, on_surface, resolution, n_samples, field_resolution, n_neighbors, generator)
     return _shape(name, function, 1, settings)
+
+
+def _log_odds(probability: float) -> float:
+    if not isinstance(probability, Real) or not 0 < probability < 1:
+        raise InputError(f"with logits=True level is a probability between 0 and 1, got {probability!r}.")
+    return math.log(probability / (1 - probability))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from torch import Tensor
 from topokit.adapters.points.files import read_points
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
-from topokit.core.samples import SurfaceSamples, is_padding
+from topokit.core.samples import SurfaceSamples, is_padding, largest_coordinate
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
@@ -131,10 +131,10 @@ def _of_object(source: object) -> tuple[Any, Any | None]:
 
 def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:
     """Rows with finite points and, where normals are kept, valid normals; what is dropped is noted."""
-    finite = torch.isfinite(points.detach()).all(-1)
+    finite, what_else = _usable(points.detach())
     n_dropped = int((~finite).sum())
     if n_dropped:
-        what = f"{n_dropped} of {len(points)} points are NaN or infinite"
+        what = f"{n_dropped} of {len(points)} points are {what_else}"
         if 2 * n_dropped > len(points):
             raise InputError(
                 f"{what}. More than half of the cloud is invalid: keep the finite rows yourself to use them."
@@ -154,3 +154,15 @@ def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tup
         return points, None
     notes.append(f"{what}; their points were dropped.")
     return points[valid], normals[valid]
+
+
+def _usable(points: Tensor) -> tuple[Tensor, str]:
+    """Which rows are finite, and so near that squares are finite, too; and what the others are."""
+    finite = points.isfinite().all(-1)
+    if not points.is_floating_point():
+        return finite, "NaN or infinite"
+    near = (points.abs() <= largest_coordinate(points.dtype)).all(-1)
+    n_far = int((finite & ~near).sum())
+    if n_far == 0 or 2 * n_far > len(points):  # a whole cloud in such units is refused as one
+        return finite, "NaN or infinite"
+    return near, f"NaN, infinite or so far off that their squares leave {points.dtype}"

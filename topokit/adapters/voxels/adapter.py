@@ -99,7 +99,7 @@ def from_voxels(
     labels = _as_labels(label)
     _check_choice(level, labels)
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
-        place = as_spacing(spacing), as_position(origin)
+        place = as_spacing(blocks.volume.spacing if spacing is None else spacing), as_position(origin)
         return shape_in_blocks(blocks, *place, level, labels, connectivity, n_neighbors)
     name, values, steps = open_volume(volume, spacing, dataset)
     x, y, z = values.shape
@@ -138,7 +138,7 @@ def open_volume(
         path = path if path.is_dir() and is_volume(path) else existing_file(path)
         with unpacked(path) as plain:
             stored = stored_volume(plain, dataset)
-            volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), None)
+            volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), stored.spacing)
             name = path.name
     elif (stored := stored_volume(volume, dataset)) is not None:
         volume = stored.whole()

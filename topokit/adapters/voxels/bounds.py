@@ -8,8 +8,9 @@ import math
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
+from topokit.errors import ReadError
 from topokit.inputs.beside import file_beside
 from topokit.inputs.reading import require_bytes, require_expansion
 
@@ -17,6 +18,7 @@ FREE = 1 << 30
 """Bytes that any compressed volume may expand to: masks of one organ in a whole body do so by a factor of 1000."""
 
 _STEP = 1 << 20
+_BIG_TIFF = 43  # version of the format with offsets of eight bytes
 
 
 def check_nifti(path: Path, image: Any, n_bytes: int) -> None:
@@ -27,6 +29,29 @@ def check_nifti(path: Path, image: Any, n_bytes: int) -> None:
     """
     needed = math.prod(map(int, image.shape)) * image.header.get_data_dtype().itemsize
     require_bytes(path, f"an image of shape {image.shape}", needed, n_bytes)
+
+
+def check_pages(path: Path) -> None:
+    """Refuse a .tif whose pages follow each other in a circle, which tifffile would go around for ever.
+
+    Raises:
+        ReadError: if they do.
+    """
+    with path.open("rb") as file:
+        start = file.read(16)
+        order: Literal["little", "big"] = "little" if start.startswith(b"II") else "big"
+        is_big = int.from_bytes(start[2:4], order) == _BIG_TIFF
+        count_size, entry_size, offset_size = (8, 20, 8) if is_big else (2, 12, 4)
+        offset = int.from_bytes(start[8:16] if is_big else start[4:8], order)
+        seen, size = set[int](), path.stat().st_size
+        while offset and offset not in seen:
+            seen.add(offset)
+            file.seek(min(offset, size))
+            n_entries = int.from_bytes(file.read(count_size), order)
+            file.seek(min(offset + count_size + entry_size * n_entries, size))
+            offset = int.from_bytes(file.read(offset_size), order)
+    if offset in seen:
+        raise ReadError(f"{path}: after its {len(seen)} pages the one at byte {offset} comes again: it is damaged.")
 
 
 def check_tiff(path: Path, file: Any) -> None:
@@ -40,6 +65,8 @@ def check_tiff(path: Path, file: Any) -> None:
         is_plain = all(getattr(page, "compression", 0) == 1 for page in pages)
         longest = max((length for page in pages for length in getattr(page, "databytecounts", ())), default=0)
         require_bytes(path, "a strip of pixels", longest, path.stat().st_size)
+        n_strips = max((math.prod(getattr(page, "chunked", ())) for page in pages), default=0)
+        require_bytes(path, f"{n_strips} strips of pixels", n_strips, path.stat().st_size)
         if is_plain:
             require_bytes(path, f"pages of shape {series.shape}", series.nbytes, path.stat().st_size)
         else:

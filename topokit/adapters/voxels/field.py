@@ -19,7 +19,7 @@ Labels = tuple[float, ...]
 
 def listed(labels: Labels) -> str:
     """Labels in a sentence."""
-    return " or ".join(map(str, labels))
+    return " or ".join(f"{label:.15g}" for label in labels)
 
 
 class VoxelField(Field):

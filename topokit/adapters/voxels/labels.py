@@ -77,7 +77,7 @@ def from_labels(
     check_connectivity(connectivity)
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
         name, boxes = blocks.volume.name, labels_in_blocks(blocks)
-        place = as_spacing(spacing), first
+        place = as_spacing(blocks.volume.spacing if spacing is None else spacing), first
         return {
             label: label_in_blocks(blocks, label, boxes[label], *place, connectivity, n_neighbors)
             for label in _wanted(name, labels, boxes)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import locale
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +76,7 @@ def read_itk(path: Path) -> Volume:
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     if not path.is_dir() and not is_dicom(head(path)):
         _check_metaimage(path)
-    with reading(path, "SimpleITK", RuntimeError):
+    with _locale_kept(), reading(path, "SimpleITK", RuntimeError):
         if path.is_dir():
             image = SimpleITK.ReadImage(_series(path, SimpleITK))
         else:
@@ -103,6 +106,16 @@ def column_lengths(affine: Any) -> Spacing | None:
     """Voxel sizes of a 4 × 4 affine; None if it is degenerate, as in headers that were never filled in."""
     lengths = np.linalg.norm(np.asarray(affine, dtype=float)[:3, :3], axis=0)
     return _triple(lengths) if np.isfinite(lengths).all() and (lengths > 0).all() else None
+
+
+@contextmanager
+def _locale_kept() -> Iterator[None]:
+    """The locale as it was: GDCM sets it to "C" for good, and then Python reads text files as ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
 
 
 def _series(folder: Path, itk: Any) -> tuple[str, ...]:

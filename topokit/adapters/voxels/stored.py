@@ -5,7 +5,6 @@ All of these can be sent to other processes, which then read for themselves.
 
 from __future__ import annotations
 
-import os
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
@@ -18,6 +17,7 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from topokit.core.blocks.division import Box
+from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.reading import reading
@@ -34,7 +34,10 @@ class StoredVolume(ABC):
         shape: voxels along each axis.
         dtype: of its values.
         chunks: for each axis, the lengths of the chunks in which it is stored: what is read together anyway.
+        spacing: size of its voxels along each axis, if the file says it.
     """
+
+    spacing: Spacing | None = None
 
     def __init__(self, name: str, shape: Sequence[int], dtype: DTypeLike, chunks: Sequence[int] | Lengths) -> None:
         """Args: see the class; chunks may also be given as one length for each axis.
@@ -42,7 +45,7 @@ class StoredVolume(ABC):
         Raises:
             InputError: if this is no volume of real numbers.
         """
-        if len(shape) != 3 or 0 in shape:
+        if len(shape) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
             raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.")
         x, y, z = map(int, shape)
         self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
@@ -82,9 +85,10 @@ class _Reading:
 class IndexedVolume(StoredVolume):
     """An array that gives the values of a box when it is indexed with slices, such as one of zarr or TensorStore."""
 
-    def __init__(self, array: Any, name: str = "voxels") -> None:
-        """Args: the array, and what to call it."""
+    def __init__(self, array: Any, name: str = "voxels", spacing: Spacing | None = None) -> None:
+        """Args: the array, what to call it, and the size of its voxels, if known."""
         super().__init__(name, array.shape, _numpy_type(array), _chunks_of(array))
+        self.spacing = spacing
         self._array, self._library = array, type(array).__module__.partition(".")[0]
 
     def read(self, box: Box) -> Values:
@@ -110,25 +114,27 @@ class DaskVolume(IndexedVolume):
 
 
 class HdfVolume(StoredVolume):
-    """A data set in an HDF5 file, which every process opens for itself."""
+    """A data set in an HDF5 file; other processes open the file for themselves."""
 
-    def __init__(self, path: str | os.PathLike[str], dataset: str, name: str = "voxels") -> None:
-        """Args: the file, the data set's path in it, and what to call the volume."""
-        self._path, self._dataset = Path(path).resolve(), dataset
-        with self._open() as file:
-            found = file[dataset]
-            chunks = found.chunks or _contiguous(found.shape)
-            super().__init__(name, found.shape, found.dtype, chunks)
+    def __init__(self, dataset: Any, name: str = "voxels", spacing: Spacing | None = None) -> None:
+        """Args: an `h5py.Dataset`, what to call it, and the size of its voxels, if known."""
+        shape = dataset.shape or ()
+        super().__init__(name, shape, dataset.dtype, dataset.chunks or _contiguous(shape))
+        self.spacing = spacing
+        self._path, self._place, self._dataset = Path(dataset.file.filename).absolute(), dataset.name, dataset
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
-        with reading(self._path, "h5py"), self._open() as file:
-            return np.asarray(file[self._dataset][_slices(box)])
+        with reading(self._path, "h5py"):
+            if self._dataset is None:
+                import h5py
 
-    def _open(self) -> Any:
-        import h5py
+                self._dataset = h5py.File(self._path, "r")[self._place]
+            return np.asarray(self._dataset[_slices(box)])
 
-        return h5py.File(self._path, "r")
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process: all but the open file."""
+        return vars(self) | {"_dataset": None}
 
 
 class MappedVolume(StoredVolume):
@@ -156,6 +162,7 @@ class PartOfVolume(StoredVolume):
         """Args: the volume, the box in it, and what to call that."""
         chunks = tuple(_clipped(lengths, *side) for lengths, side in zip(volume.chunks, box, strict=True))
         super().__init__(name, [stop - start for start, stop in box], volume.dtype, chunks)
+        self.spacing = volume.spacing
         self._volume, self._first = volume, tuple(start for start, _ in box)
 
     def at(self, box: Box) -> Any:
@@ -175,8 +182,7 @@ def stored_array(volume: object) -> StoredVolume | None:
     """An array that can be read box by box; None for what is in memory already, or is no array."""
     kind = type(volume).__module__.partition(".")[0]
     if kind == "h5py" and hasattr(volume, "file"):
-        found: Any = volume
-        return HdfVolume(found.file.filename, found.name)
+        return HdfVolume(volume)
     if kind == "dask" and hasattr(volume, "dask"):
         return DaskVolume(volume)
     if isinstance(volume, np.memmap):

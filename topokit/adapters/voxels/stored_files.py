@@ -19,6 +19,7 @@ from topokit.adapters.voxels.stored import (
     in_memory_array,
     stored_array,
 )
+from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.numpy_header import NUMPY, array_shapes
@@ -83,12 +84,15 @@ def _zarr_volume(path: Path, dataset: str | None) -> StoredVolume:
             arrays = {
                 name: part for name, part in sorted(found.members(max_depth=None)) if isinstance(part, zarr.Array)
             }
-            found = arrays[_chosen(path, {name: one.shape for name, one in arrays.items()}, dataset or _finest(found))]
+            shapes = {name: one.shape for name, one in arrays.items()}
+            levels = _levels(found)
+            chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
+            return IndexedVolume(arrays[chosen], path.name, levels.get(chosen))
     return IndexedVolume(found, path.name)
 
 
-def _finest(group: Any) -> str | None:
-    """The path of the finest level of an OME-Zarr image, or None.
+def _levels(group: Any) -> dict[str, Spacing | None]:
+    """The levels of an OME-Zarr image, finest first: their paths, and the sizes of their voxels; none for other groups.
 
     Reference:
         J. Moore et al., "OME-Zarr: a cloud-optimized bioimaging file format with international community support",
@@ -96,9 +100,17 @@ def _finest(group: Any) -> str | None:
     """
     attributes = dict(group.attrs)
     images = attributes.get("ome", attributes).get("multiscales") or [{}]
-    levels = images[0].get("datasets") or [{}]
-    name: str | None = levels[0].get("path")
-    return name
+    found: dict[str, Spacing | None] = {}
+    for level in images[0].get("datasets", ()):
+        scales = [one["scale"] for one in level.get("coordinateTransformations", ()) if one.get("type") == "scale"]
+        found[level["path"]] = _spacing(scales[0]) if scales else None
+    return found
+
+
+def _spacing(values: Any) -> Spacing | None:
+    """The sizes of voxels along three axes; None if there are not three."""
+    sizes = [float(value) for value in values]
+    return (sizes[0], sizes[1], sizes[2]) if len(sizes) == 3 else None
 
 
 def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
@@ -112,9 +124,12 @@ def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
         if isinstance(found, h5py.Dataset):
             shapes[name] = found.shape or ()
 
-    with reading(path, "h5py", LookupError, RuntimeError), h5py.File(path, "r") as file:
+    with reading(path, "h5py", LookupError, RuntimeError):
+        file = h5py.File(path, "r")  # stays open as long as the volume needs it
         file.visititems(note)
-    return HdfVolume(path, _chosen(path, shapes, dataset), path.name)
+        found = file[_chosen(path, shapes, dataset)]
+        sizes = found.attrs.get("element_size_um")  # as ilastik and its kin write it
+    return HdfVolume(found, path.name, None if sizes is None else _spacing(sizes))
 
 
 def _chosen(path: Path, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.bounds import check_tiff
+from topokit.adapters.voxels.bounds import check_pages, check_tiff
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError
 from topokit.inputs.reading import reading
@@ -26,6 +26,7 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Spacing | None]:
         *(tifffile.TiffFileError, ArithmeticError, AssertionError, LookupError),
         *(RuntimeError, TypeError, AttributeError, SyntaxError),  # the last one of damaged OME-XML
     )
+    check_pages(path)
     with reading(path, "tifffile", *damaged), tifffile.TiffFile(path, _multifile=False) as file:
         check_tiff(path, file)
         array = file.asarray()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.blocks.planes import gather_nodes, join_planes, label_plane, number_roots, write_dense, write_runs
+from topokit.errors import InputError
 
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
@@ -27,6 +28,8 @@ _PLACES = 1 << 12  # pairs of regions whose sums are kept at hand while voxels a
 _MOST_FULL = (
     1 << 17
 )  # cubes between two planes that are joined at once: bounds the memory for sums that lose their place
+
+_MOST_NODES = np.iinfo(np.int32).max - 1  # regions before they are united; labels are ± numbers of 32 bits
 
 
 class Faces(NamedTuple):
@@ -91,10 +94,8 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     n_x, n_y, n_z = is_six.shape
     faces = tuple(Faces(np.empty(n, np.int32), np.empty(n, np.int32)) for n in ((n_y, n_z), (n_x, n_z), (n_x, n_y)))
     dense = faces[0].high  # always that of the last layer so far
-    before, runs = (
-        Runs.empty((n_y, n_z)),
-        Runs.empty((n_y, n_z)),
-    )  # used in turn: fresh memory costs as much as counting
+    # Used in turn: fresh memory for every plane costs as much as counting it.
+    before, runs = Runs.empty((n_y, n_z)), Runs.empty((n_y, n_z))
     for x, plane in enumerate(is_six):
         forest.label(np.ascontiguousarray(plane), (place[0] + x, place[1], place[2]), shape, runs)
         if x > 0:
@@ -194,6 +195,11 @@ class _Forest:
 
     def _reserve(self, n_more: int) -> None:
         """Make room for more nodes."""
+        if self._n_nodes + n_more > _MOST_NODES:
+            raise InputError(
+                f"a box of the volume has more than {self._n_nodes} regions, counted with those that join later, and "
+                f"{_MOST_NODES} are the most: smooth away the noise, or count parts of the volume."
+            )
         missing = self._n_nodes + n_more - len(self._parents)
         if missing > 0:
             missing = max(2 * n_more, len(self._parents))  # so that copies are rare

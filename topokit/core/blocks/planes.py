@@ -75,26 +75,17 @@ def label_plane(
             stop = start + 1
             while stop < n and is_six[y, stop] == phase:
                 stop += 1
-            node = -1
+            node, reach = -1, 0 if phase else 1
             if y > 0:
-                reach = 0 if phase else 1
                 while stops[y - 1, above] <= start - reach:
                     above = stops[y - 1, above]
-                z = above
-                while z < min(stop + reach, n):
-                    if (labels[y - 1, z] > 0) == phase:
-                        found = root_of(parents, abs(labels[y - 1, z]) - 1)
-                        node = found if node < 0 else unite(parents, node, found)
-                    z = stops[y - 1, z]
+                node = _united_above(labels[y - 1], stops[y - 1], above, min(stop + reach, n), phase, parents)
             if node < 0:
                 node = n_nodes
                 n_nodes += 1
                 parents[node], phases[node] = node, phase
-                nodes[node, 0] = 0
-                nodes[node, 1] = ((place[0] * shape[1]) + place[1] + y) * shape[2] + place[2] + start
-                nodes[node, 2], nodes[node, 5] = place[0], place[0] + 1
-                nodes[node, 3] = place[1] + y
-                nodes[node, 4], nodes[node, 7] = place[2] + start, place[2] + stop
+                first = ((place[0] * shape[1]) + place[1] + y) * shape[2] + place[2] + start
+                _write_node(nodes[node], first, place[0], place[1] + y, place[2] + start)
             nodes[node, 0] += stop - start
             nodes[node, 4] = min(nodes[node, 4], place[2] + start)
             nodes[node, 6] = place[1] + y + 1
@@ -102,6 +93,26 @@ def label_plane(
             labels[y, start], stops[y, start] = node + 1 if phase else -(node + 1), stop
             start = stop
     return n_nodes
+
+
+@compiled
+def _united_above(labels: Labels, stops: Labels, start: int, stop: int, phase: bool, parents: Labels) -> int:
+    """The root of the runs of a phase in the row above that lie before a stop, after they are united; −1 for none."""
+    node, z = -1, start
+    while z < stop:
+        if (labels[z] > 0) == phase:
+            found = root_of(parents, abs(labels[z]) - 1)
+            node = found if node < 0 else unite(parents, node, found)
+        z = stops[z]
+    return node
+
+
+@compiled
+def _write_node(row: Integers, first: int, x: int, y: int, z: int) -> None:
+    """Write the row of a region whose first voxel is at (x, y, z), but which has no size yet."""
+    row[0], row[1] = 0, first
+    row[2], row[3], row[4] = x, y, z
+    row[5], row[6], row[7] = x + 1, y + 1, z + 1
 
 
 @compiled

@@ -17,6 +17,7 @@ from topokit.core.grid.splines import GridSampler
 from topokit.core.grid.winding_field import PoissonFilter
 
 Floats = NDArray[np.float64]
+_LEAST_CURVATURE = 1e-30  # of the energy along a direction of descent; below it single precision is exhausted
 
 
 def border_mean(field: Tensor) -> Tensor:
@@ -58,7 +59,10 @@ class DipoleSolver:
             if scale is None:
                 scale = damping * (direction * image).sum() / size.clamp_min(1e-30)
             image = image + scale * direction
-            length = size / (direction * image).sum().clamp_min(1e-30)
+            along = (direction * image).sum()
+            if not float(along) > _LEAST_CURVATURE:  # on lattices nothing is left to solve after a few steps
+                break
+            length = size / along
             solution, residual = solution + length * direction, residual - length * image
             new = (residual * residual).sum()
             direction, size = residual + new / size.clamp_min(1e-30) * direction, new

@@ -80,6 +80,8 @@ class Witness:
             (one-dimensional everywhere: even samples).
         wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
             everywhere, else None.
+        is_widened: whether the votes are those of samples shifted along their normals, which widens thin walls and
+            narrow gaps.
     """
 
     euler: int
@@ -99,6 +101,7 @@ class Witness:
     surface: CutSurface | None
     preparation: Preparation = "whole"
     wire: WireReading | None = None
+    is_widened: bool = False
 
     @property
     def is_downsampled(self) -> bool:

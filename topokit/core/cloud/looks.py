@@ -17,7 +17,8 @@ from topokit.core.cloud.findings import Preparation, Signs, SignSource
 from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, local_geometry, turned_towards
 from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
 from topokit.core.cloud.solidity import fills_space
-from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes
+from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
+from topokit.core.cloud.widening import widened
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
 from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.stages import begin
@@ -78,6 +79,7 @@ class Look:
         turned: when the normals were found.
         wire: the reading as a thickened graph, or None.
         preparation: see `Witness`.
+        is_widened: see `Witness`.
     """
 
     signs: Signs
@@ -93,6 +95,7 @@ class Look:
     turned: float
     wire: WireReading | None = None
     preparation: Preparation = "whole"
+    is_widened: bool = False
 
 
 def stage_seconds(n_points: int) -> dict[str, float]:
@@ -172,7 +175,21 @@ def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
     votes, quality, cut = gather_votes(cloud.points, outward, local, weights, complex_)
     spacing = float(np.sqrt(weights.mean()))
     every = np.arange(len(cloud.points))
-    return Look(signs, outward, votes, quality, cut, complex_, every, cloud.points, spacing, spacing, turned, wire)
+    look = Look(signs, outward, votes, quality, cut, complex_, every, cloud.points, spacing, spacing, turned, wire)
+    return look if wire is not None or signs.apply(cloud.normals) is None else _with_more_room(look, local)
+
+
+def _with_more_room(look: Look, local: LocalGeometry) -> Look:
+    """The same, or with the votes of shifted samples where those of the samples differ; the quality stays theirs."""
+    if tally(look.votes)[1] == 1:
+        return look
+    moved = widened(look.points, look.normals, local, look.complex_)
+    if moved is None:
+        return look
+    room = local_geometry(moved)
+    complex_ = delaunay_complex(moved, room.spacings)
+    votes, _, cut = gather_votes(moved, look.normals, room, compatible_areas(look.normals, room), complex_)
+    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=True)
 
 
 def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:

@@ -115,6 +115,7 @@ def global_witness(
         },
         surface=None,
         preparation=look.preparation,
+        is_widened=look.is_widened,
     )
     if look.wire is not None:
         return _as_wire(witness, look.wire)

@@ -104,7 +104,9 @@ def surface_curvature(
 
     Returns:
         `Curvature`, differentiable in points, normals, frames and areas at fixed neighbor indices: values jump where a
-        step changes the neighbors.
+        step changes the neighbors. Forward mode (`torch.func.jvp`) and second derivatives are exact as well;
+        `torch.compile(fullgraph=True)` works if the neighbors are given. `torch.func.vmap` works where no values are
+        looked at: on accelerators, and in `topokit.testing.as_on_accelerator`; batches need no vmap.
 
     Raises:
         InputError: if there are too few points, or for an unknown method.

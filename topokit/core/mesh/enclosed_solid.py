@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -50,9 +51,10 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
         `winding_field`.
     """
     vertices, faces = vertices.detach().cpu().double(), faces.cpu()
+    center, unit = _frame(vertices[faces])
+    vertices = (vertices - center) / unit
     corners = vertices[faces]
-    center = (corners.amin((0, 1)) + corners.amax((0, 1))) / 2
-    samples, _ = sample_triangles(vertices - center, faces, _SAMPLES)
+    samples, _ = sample_triangles(vertices, faces, _SAMPLES)
     cross = torch.linalg.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], dim=-1)
     area = float(cross.norm(dim=-1).sum()) / 2 / _SAMPLES
     points = samples.points.float()
@@ -60,4 +62,11 @@ def enclosed_solid(vertices: Tensor, faces: Tensor) -> EnclosedSolid:
     grid = make_grid(points, area**0.5, 1.0, _LARGEST_GRID)
     field = winding_field(points, normals, torch.full_like(points[:, 0], area), grid)
     off_level = ((field.sample(points) - 0.5).abs() > 0.3).double().mean()
-    return EnclosedSolid(int(surface_euler(field.values, 0.5, connectivity=6)), float(off_level), grid.cell)
+    return EnclosedSolid(int(surface_euler(field.values, 0.5, connectivity=6)), float(off_level), grid.cell * unit)
+
+
+def _frame(corners: Tensor) -> tuple[Tensor, float]:
+    """The center of the box around corners (F, 3, 3), and the power of two above its largest side: the unit in which
+    no coordinate leaves the range of single precision."""
+    low, high = corners.amin((0, 1)), corners.amax((0, 1))
+    return low / 2 + high / 2, math.ldexp(1.0, math.frexp(float((high - low).max()))[1])

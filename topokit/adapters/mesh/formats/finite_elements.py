@@ -36,7 +36,7 @@ def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float
     except ImportError as error:
         raise MissingDependencyError(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".') from error
     refuse_entities(path)
-    _refuse_volumes(path)
+    _refuse_other_data(path)
     damaged = (
         *(meshio.ReadError, ArithmeticError, AssertionError, AttributeError, LookupError),
         *(NotImplementedError, RuntimeError, SyntaxError, TypeError),
@@ -50,10 +50,16 @@ def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float
     return vertices, triangles(faces)
 
 
-def _refuse_volumes(path: Path) -> None:
-    """Refuse legacy VTK files of volumes, whose cells fill their box whatever the values are."""
-    found = re.search(rb"^DATASET\s+(\w+)", head(path, 4096), re.MULTILINE)
-    if path.suffix.lower() == ".vtk" and found is not None and found.group(1) in _VOLUMES:
+def _refuse_other_data(path: Path) -> None:
+    """Refuse VTK files of polygons, which meshio does not read, and of volumes, whose cells fill their box."""
+    beginning = head(path, 4096)
+    found = re.search(rb"^DATASET\s+(\w+)", beginning, re.MULTILINE)
+    if b'type="PolyData"' in beginning or (found is not None and found.group(1) == b"POLYDATA"):
+        raise ReadError(
+            f"{path} holds VTK PolyData, which is not read: open it with PyVista, "
+            f"topokit.from_mesh(pyvista.read({path.name!r})), or save it as .ply."
+        )
+    if found is not None and found.group(1) in _VOLUMES:
         raise ReadError(
             f"{path} holds a volume ({found.group(1).decode()}), which is not read: save it as .nrrd, .nii or .mha, or "
             "pass its values as an array to topokit.from_voxels."

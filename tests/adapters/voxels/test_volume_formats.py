@@ -1,0 +1,191 @@
+"""Volumes as scanners and microscopes write them: voxel sizes, scaling, series, and images of other libraries."""
+
+from __future__ import annotations
+
+import locale
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+import topokit as tk
+from topokit.errors import InputError, ReadError
+
+RING = np.zeros((9, 8, 5), dtype=np.int16)
+RING[1:8, 1:7, 1:4] = 1
+RING[3:6, 3:5] = 0
+SIZES = (1.0, 2.0, 3.0)
+
+
+def check(shape: tk.Shape, spacing: tuple[float, ...] = SIZES, extents: tuple[int, ...] = RING.shape) -> None:
+    assert shape.genus() == 1
+    assert shape.field.grid.shape == extents
+    assert shape.field.grid.spacing == pytest.approx(spacing)
+
+
+def test_several_labels_are_one_solid() -> None:
+    labels = RING.copy()
+    labels[3:6, 3:5, 1:4] = 2
+    for both in ([1, 2], (2, 1), {1, 2}, np.array([1, 2]), torch.tensor([1, 2]), range(1, 3)):
+        shape = tk.from_voxels(labels, label=both)
+        assert shape.genus() == 0
+        assert "The solid is the voxels with label 1 or 2." in shape.report().reasons
+    assert tk.from_voxels(labels, label=[1]).genus() == 1
+    assert "No voxel has the label 9." in tk.from_voxels(labels, label=[1, 9]).report().reasons
+    assert float(tk.from_voxels(labels, label=[1, 2]).smoothed_euler(0.0)) == 2
+
+
+def test_nifti_takes_slope_and_sform(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel", reason="nibabel is not installed; make test installs it")
+    image = nibabel.Nifti1Image(RING, np.diag([*SIZES, 1]))
+    image.header.set_slope_inter(2, 10)
+    nibabel.save(image, tmp_path / "a.nii.gz")
+    check(tk.load(tmp_path / "a.nii.gz", level=11))
+    assert float(tk.load(tmp_path / "a.nii.gz", level=11).field.volume.max()) == 12
+    turned = np.eye(4)
+    turned[:3, :3] = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]]) * SIZES
+    image = nibabel.Nifti1Image(RING, turned)
+    image.header["pixdim"][1:4] = 1  # the sform is right and this is not
+    nibabel.save(image, tmp_path / "b.nii")
+    check(tk.load(tmp_path / "b.nii"))
+    check(tk.load(image))
+    check(tk.from_voxels(image, spacing=4.0), (4.0, 4.0, 4.0))
+    nibabel.save(nibabel.Nifti1Pair(RING, np.diag([*SIZES, 1])), tmp_path / "pair.hdr")
+    check(tk.load(tmp_path / "pair.hdr"))
+    check(tk.load(tmp_path / "pair.img"))
+
+
+def test_nrrd_takes_space_directions(tmp_path: Path) -> None:
+    nrrd = pytest.importorskip("nrrd", reason="pynrrd is not installed; make test installs it")
+    header = {"space": "left-posterior-superior", "space directions": np.diag(SIZES)}
+    for name in ("a.nrrd", "b.nhdr"):
+        nrrd.write(str(tmp_path / name), RING, header)
+        check(tk.load(tmp_path / name))
+
+
+def test_tiff_takes_the_sizes_of_imagej_and_ome(tmp_path: Path) -> None:
+    tifffile = pytest.importorskip("tifffile", reason="tifffile is not installed; make test installs it")
+    stack = RING.astype(np.uint8)
+    tifffile.imwrite(
+        tmp_path / "a.tif", stack, imagej=True, resolution=(1 / 3, 1 / 2), metadata={"spacing": 1.0, "axes": "ZYX"}
+    )
+    check(tk.load(tmp_path / "a.tif"))
+    sizes = {"PhysicalSizeX": 3000.0, "PhysicalSizeXUnit": "nm", "PhysicalSizeY": 2.0, "PhysicalSizeZ": 1.0}
+    tifffile.imwrite(tmp_path / "b.ome.tif", stack, metadata={"axes": "ZYX", **sizes})
+    check(tk.load(tmp_path / "b.ome.tif"), (1000.0, 2000.0, 3000.0))
+    tifffile.imwrite(tmp_path / "c.tif", stack)
+    check(tk.load(tmp_path / "c.tif"), (1.0, 1.0, 1.0))
+    tifffile.imwrite(tmp_path / "d.tif", np.zeros((5, 9, 9, 3), np.uint8), photometric="rgb")
+    with pytest.raises(ReadError, match="Of several channels or times"):
+        tk.load(tmp_path / "d.tif")
+
+
+def metaimage(**changes: str) -> bytes:
+    fields = {
+        "ObjectType": "Image",
+        "NDims": "3",
+        "ElementSpacing": "1 2 3",
+        "DimSize": "9 8 5",
+        "ElementType": "MET_SHORT",
+    }
+    last = {"ElementDataFile": changes.pop("ElementDataFile", "LOCAL")}
+    return "".join(f"{key} = {value}\n" for key, value in {**fields, **changes, **last}.items()).encode()
+
+
+def test_metaimage(tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="SimpleITK is not installed; make test installs it")
+    values = RING.transpose().tobytes()
+    (tmp_path / "a.mha").write_bytes(metaimage() + values)
+    check(tk.load(tmp_path / "a.mha"))
+    (tmp_path / "b.raw").write_bytes(values)
+    (tmp_path / "b.mhd").write_bytes(metaimage(ElementDataFile="b.raw"))
+    check(tk.load(tmp_path / "b.mhd"))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (metaimage(DimSize="9000 9000 9000") + b"1234", "announces 729000000000 voxels"),
+        (metaimage(DimSize="900000 900000 9", CompressedData="True") + b"1234", "decompression bomb"),
+        (metaimage(ElementDataFile="/etc/passwd"), "the plain name of one file beside it was expected"),
+        (metaimage(ElementDataFile="../b.raw"), "the plain name of one file beside it was expected"),
+        (metaimage(ElementDataFile="b%03d.raw 1 5 1"), "the plain name of one file beside it was expected"),
+        (metaimage(ElementDataFile="gone.raw"), "does not exist"),
+    ],
+)
+def test_metaimages_that_are_dangerous_are_refused(content: bytes, message: str, tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="SimpleITK is not installed; make test installs it")
+    (tmp_path / "a.mha").write_bytes(content)
+    with pytest.raises(ReadError, match=message):
+        tk.load(tmp_path / "a.mha")
+
+
+def write_series(folder: Path, series: str = "1.2.3") -> list[Path]:
+    """A DICOM series whose files are named against the order of their slices."""
+    itk: Any = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed; make test installs it")
+    folder.mkdir(exist_ok=True)
+    paths = []
+    for number in range(RING.shape[2]):
+        image = itk.GetImageFromArray(RING[:, :, number].transpose())
+        image.SetSpacing(SIZES[:2])
+        tags = {
+            "0020|000e": series,
+            "0020|000d": "1.2",
+            "0008|0060": "CT",
+            "0020|0032": f"0\\0\\{3 * number}",
+            "0020|0037": "1\\0\\0\\0\\1\\0",
+            "0020|0013": str(number),
+            "0018|0050": "3",
+        }
+        for key, value in tags.items():
+            image.SetMetaData(key, value)
+        paths.append(folder / f"{series}-{9 - number}.dcm")
+        writer = itk.ImageFileWriter()
+        writer.KeepOriginalImageUIDOn()
+        writer.SetFileName(str(paths[-1]))
+        writer.Execute(image)
+    return paths
+
+
+def test_a_dicom_series_is_its_folder(tmp_path: Path) -> None:
+    before = locale.setlocale(locale.LC_ALL)
+    paths = write_series(tmp_path / "series")
+    locale.setlocale(locale.LC_ALL, before)  # which writing sets to "C"
+    check(tk.load(tmp_path / "series"))
+    check(tk.from_voxels(tmp_path / "series"))
+    assert locale.setlocale(locale.LC_ALL) == before
+    assert [row["genus"] for row in tk.survey(tmp_path)] == [1]
+    with pytest.raises(ReadError, match="is one slice of 9 × 8 pixels: give the folder with its series"):
+        tk.load(paths[0])
+    write_series(tmp_path / "series", "1.2.4")
+    locale.setlocale(locale.LC_ALL, before)
+    with pytest.raises(ReadError, match="holds 2 DICOM series; put each into a folder of its own"):
+        tk.load(tmp_path / "series")
+
+
+def test_an_image_of_simpleitk() -> None:
+    itk: Any = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed; make test installs it")
+    image = itk.GetImageFromArray(RING.transpose())
+    image.SetSpacing(SIZES)
+    check(tk.load(image))
+    with pytest.raises(ReadError, match="3 numbers in each voxel"):
+        tk.from_voxels(itk.Compose(image, image, image))
+
+
+def test_an_image_of_monai() -> None:
+    """A tensor with an affine, channel first, as `monai.data.MetaTensor`."""
+    values = torch.from_numpy(RING).float().clone()[None]
+    values.affine = torch.diag(torch.tensor([*SIZES, 1.0]))  # type: ignore[attr-defined]
+    check(tk.from_voxels(values))
+    two = torch.cat((values, values))
+    two.affine = values.affine  # type: ignore[attr-defined]
+    with pytest.raises(InputError, match="the image has 2 channels; pass one of them"):
+        tk.from_voxels(two)
+
+
+def test_an_affine_that_was_never_filled_in_is_ignored() -> None:
+    image = SimpleNamespace(dataobj=RING, affine=np.zeros((4, 4)))
+    check(tk.from_voxels(image), (1.0, 1.0, 1.0))

@@ -87,6 +87,11 @@ def curve(rng: np.random.Generator, count: int) -> Floats:
     return np.column_stack((np.cos(angle), np.sin(angle), angle / 20))
 
 
+def thirty_three_points(rng: np.random.Generator, count: int) -> Floats:
+    """As few points as a report takes, and one."""
+    return sphere(rng, 33)
+
+
 def one_place(rng: np.random.Generator, count: int) -> Floats:
     """The same point again and again."""
     return np.ones((count, 3))
@@ -147,6 +152,7 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Floats]] = {
         line,
         thick_line,
         curve,
+        thirty_three_points,
         one_place,
         few_places,
         every_point_ten_times,
@@ -157,8 +163,17 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Floats]] = {
         nested_spheres,
     )
 }
-CLOSED = {"lattice_surface": 2, "every_point_ten_times": 2, "outlier": 2, "far_pair": 4, "noisy_sphere": 2}
-"""The Euler characteristic of the kinds whose points lie on a closed surface."""
+CLOSED = {
+    "lattice_surface": 2,
+    "thick_line": 2,  # the surface of a rod
+    "curve": 2,
+    "every_point_ten_times": 2,
+    "outlier": 2,
+    "outliers_everywhere": 2,
+    "far_pair": 4,
+    "noisy_sphere": 2,
+}
+"""The Euler characteristic of the kinds whose points lie on a closed surface, or around a curve."""
 
 
 def measure(kind: str, count: int) -> dict[str, object]:

@@ -135,8 +135,10 @@ def test_a_terminated_command_keeps_its_rows_and_ends_its_processes(folder: Path
 
 
 def test_limits_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
-    cloud = np.random.default_rng(0).normal(size=(20_000, 3))
-    np.save(folder / "50.npy", cloud)  # a blob of noise takes long
+    rng = np.random.default_rng(0)
+    cloud = rng.normal(size=(20_000, 3))
+    cloud *= rng.normal(1, 0.1, (20_000, 1)) / np.linalg.norm(cloud, axis=1, keepdims=True)
+    np.save(folder / "50.npy", cloud)  # a thick shell of noise takes long
     command = [*TOPOKIT, "report", *map(str, (folder / "00.ply", folder / "50.npy", folder / "01.ply")), "--csv"]
     found = subprocess.run([*command, "--time-limit", "1"], capture_output=True, text=True, timeout=240)
     rows = list(csv.DictReader(found.stdout.splitlines()))

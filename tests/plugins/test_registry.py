@@ -549,9 +549,12 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     path.write_bytes(b"1 2 3\n")
     known = sorted({suffix for row in tk.list_adapters() for suffix in row.suffixes})
     of_files = [name for name in [*BUILT_IN, "needy"] if name != "open3d"]
+    lacking = [row for row in tk.list_adapters() if row.install]
+    assert lacking[-1].install == 'pip install "topokit-needy"'
+    parts = (f"{' '.join(row.missing_suffixes) or row.name} ({row.install})" for row in lacking)
     assert message(UnknownFormatError, path) == (
         f"{path}: '.xyz2' is not a known format, and its content is not one either. Known: {', '.join(known)}. "
-        'Known, but not installed: .blob (pip install "topokit-needy"). '
+        f"Known, but not installed: {', '.join(parts)}. "
         f"If you know what it is, pass adapter=…, one of {', '.join(map(repr, of_files))}. For a format of your own "
         "write an adapter: help(topokit.Adapter) shows how."
     )

@@ -139,7 +139,7 @@ def test_xml_entities_do_not_grow(place: str, tmp_path: Path) -> None:
         )
 
     write_3mf(tmp_path / "f.3mf", with_laughs)
-    with pytest.raises(ReadError, match="amplification"):
+    with pytest.raises(ReadError, match=r"amplification|entity reference loop"):
         read_mesh(tmp_path / "f.3mf")
 
 

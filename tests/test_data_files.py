@@ -8,7 +8,7 @@ import pytest
 from write_test_files import DATA, FILES
 
 import topokit as tk
-from topokit.errors import ReadError
+from topokit.errors import InputError, ReadError
 
 CLOSED = {
     "sphere.ply": (2, 1),
@@ -20,12 +20,13 @@ CLOSED = {
     "flipped_faces.ply": (2, 1),
     "unreferenced_vertex.obj": (2, 1),
 }
-REFUSED = ["truncated.stl", "wrong_index.obj", "no_faces.obj"]
+REFUSED = ["truncated.stl", "wrong_index.obj"]
 
 
 def test_the_files_are_those_of_the_script_and_small() -> None:
-    assert {path.name for path in DATA.iterdir()} == set(FILES)
-    assert sum(path.stat().st_size for path in DATA.iterdir()) < 300_000
+    found = [path for path in DATA.iterdir() if path.is_file()]
+    assert {path.name for path in found} == set(FILES)
+    assert sum(path.stat().st_size for path in found) < 300_000
 
 
 @pytest.mark.parametrize("name", CLOSED)
@@ -55,3 +56,8 @@ def test_flaws_are_counted() -> None:
 def test_broken_files_are_refused_by_name(name: str) -> None:
     with pytest.raises(ReadError, match=name):
         tk.load(Path(DATA / name))
+
+
+def test_a_file_without_faces_is_a_cloud() -> None:
+    with pytest.raises(InputError, match=r"no_faces\.obj has 8 points, too few"):
+        tk.load(DATA / "no_faces.obj").report()

@@ -60,12 +60,12 @@ class DipoleSolver:
                 scale = damping * (direction * image).sum() / size.clamp_min(1e-30)
             image = image + scale * direction
             along = (direction * image).sum()
-            if not float(along) > _LEAST_CURVATURE:  # on lattices nothing is left to solve after a few steps
-                break
-            length = size / along
+            goes_on = along > _LEAST_CURVATURE  # on lattices nothing is left to solve after a few steps
+            length = torch.where(goes_on, size / along, 0)
             solution, residual = solution + length * direction, residual - length * image
             new = (residual * residual).sum()
-            direction, size = residual + new / size.clamp_min(1e-30) * direction, new
+            direction = torch.where(goes_on, residual + new / size.clamp_min(1e-30) * direction, 0)
+            size = new
         return root * solution
 
     def alternate(self, dipoles: Tensor, first_sigma: float, last_sigma: float, iterations: int) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topokit.export.colors import Exportable, Quantity, colored_surface
 from topokit.inputs.ply import write_ply
@@ -29,7 +30,7 @@ def save_ply(shape: Exportable, path: str | os.PathLike[str], color_by: Quantity
     """
     surface = colored_surface(shape, color_by)
     columns = dict(zip(("nx", "ny", "nz"), surface.normals.T, strict=True)) | surface.fields
-    types = [(axis, "f8") for axis in "xyz"] + [(name, "f4") for name in columns]
+    types = [(axis, "f8") for axis in "xyz"] + [(name, _type_of(values)) for name, values in columns.items()]
     types += [(name, "u1") for name in ("red", "green", "blue")]
     table = np.empty(len(surface.positions), dtype=types)
     for (name, _), values in zip(types, (*surface.positions.T, *columns.values(), *surface.colors.T), strict=True):
@@ -40,3 +41,8 @@ def save_ply(shape: Exportable, path: str | os.PathLike[str], color_by: Quantity
         elements["face"]["vertex_indices"] = surface.faces
     write_ply(path, **elements)
     return len(table)
+
+
+def _type_of(values: NDArray[np.float64]) -> str:
+    """Single precision, unless values are too large for it: those of tiny shapes have huge curvature."""
+    return "f8" if (np.abs(values) > np.finfo(np.float32).max).any() else "f4"

@@ -122,6 +122,7 @@ def make_grid(
     if not math.isfinite(longest) or longest <= 0.0:
         raise InputError("the points are all in one place or not finite, so no grid can be laid around them.")
     cell = min(spacing / cells_per_spacing, longest / (minimum_length * 0.7))
+    cell = max(cell, longest / maximum_vertices)  # one point so far away that even a row of cells were too many
     while True:
         pad = 2 * max(margin * longest, margin_cells * cell)
         x, y, z = (_fast_length(math.ceil((float(side) + pad) / cell) + 1) for side in extent)

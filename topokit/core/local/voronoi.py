@@ -104,12 +104,14 @@ def _cuts(tangent: Tensor, squared: Tensor, vertices: CellVertices) -> tuple[Ten
         vertices: pairs of u and v.
 
     Returns:
-        (V,) upper end of u's edge and (V,) lower end of v's; infinite where u and v are parallel.
+        (V,) upper end of u's edge and (V,) lower end of v's; infinite where u and v are so nearly parallel that the
+        derivatives would overflow.
     """
     first, second = vertices.first, vertices.second
     (ux, uy), (vx, vy) = (tangent.index_select(0, index).unbind(-1) for index in (first, second))
     twice_cross = 2 * (ux * vy - uy * vx)
-    crosses = twice_cross != 0
+    sizes = (squared.index_select(0, first) + squared.index_select(0, second)).detach()
+    crosses = (sizes / twice_cross / twice_cross).isfinite()  # so are the derivatives then
     twice_cross = twice_cross.where(crosses, 1)
     product = ux * vx + uy * vy
     upper = (squared.index_select(0, second) - product) / twice_cross

@@ -26,6 +26,12 @@ def test_a_task_that_takes_too_long_is_ended() -> None:
     assert time.monotonic() - started < 200
 
 
+def test_the_time_to_read_an_answer_is_not_the_task_s() -> None:
+    slow_to_read = "type('Slow', (), {'__reduce__': lambda self: (__import__('time').sleep, (3,))})()"
+    found = list(map_in_processes(eval, [slow_to_read, "2 + 2"], 1, after_death, Limits(seconds=2)))
+    assert found == [None, 4]
+
+
 def test_a_task_that_fills_memory_is_ended() -> None:
     tasks = ["1 + 1", f"len([{HOG} for _ in range(64)])", "2 + 2"]
     found = list(map_in_processes(eval, tasks, 1, after_death, Limits(gibibytes=1.5)))

@@ -13,10 +13,10 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from topokit.batch.limits import NO_LIMITS, Limits, memory_of, watched
-from topokit.batch.worker import import_what_is_needed
+from topokit.batch.worker import LENGTH_BYTES, import_what_is_needed
 from topokit.ending import finally_do
 
 Task = TypeVar("Task")
@@ -121,11 +121,15 @@ class _Worker:
 
         try:
             with watched(self._limits, process.pid, end):
-                result = _reply(process, function, task)
-        except (EOFError, OSError, pickle.UnpicklingError):
+                content = _reply(process, function, task)
+        except (EOFError, OSError):
             ended = _how_it_ended(self.close())
             raise _DeathError(exceeded[0] if exceeded else ended) from None
-        self._replace_if_full(process)
+        if exceeded:  # it was ended just after its answer
+            self.close()
+        else:
+            self._replace_if_full(process)
+        result: Result = pickle.loads(content)  # beyond the limits: it may import what the caller lacks
         return result
 
     def kill(self) -> None:
@@ -160,7 +164,7 @@ class _Worker:
         """Let the process import what every task needs, which no limit counts, and note the memory that this takes."""
         try:
             _reply(process, import_what_is_needed, None)
-        except (EOFError, OSError, pickle.UnpicklingError):
+        except (EOFError, OSError):
             raise _DeathError(_how_it_ended(self.close())) from None
         self._least = memory_of(process.pid)
 
@@ -171,15 +175,21 @@ class _Worker:
             self.close()
 
 
-def _reply(process: subprocess.Popen[bytes], function: Callable[[Task], Result], task: Task) -> Result:
-    """What the function returns in the process."""
+def _reply(process: subprocess.Popen[bytes], function: Callable[[Task], Result], task: Task) -> bytes:
+    """What the function returns in the process, pickled."""
     requests, replies = process.stdin, process.stdout
     assert requests is not None
     assert replies is not None
     requests.write(pickle.dumps((function, task)))
     requests.flush()
-    result: Result = pickle.load(replies)
-    return result
+    return _read(replies, int.from_bytes(_read(replies, LENGTH_BYTES), "little"))
+
+
+def _read(stream: IO[bytes], n_bytes: int) -> bytes:
+    content = stream.read(n_bytes)
+    if len(content) < n_bytes:
+        raise EOFError
+    return content
 
 
 def _how_it_ended(code: int) -> str:

@@ -54,6 +54,8 @@ def nearest_neighbors(
     if method not in get_args(SearchMethod):
         raise InputError(f"search method {method!r} is unknown; use 'auto', 'kd-tree' or 'device'.")
     items = points.detach().reshape(-1, n_points, 3)
+    if len(items) == 0:
+        raise InputError(f"the batch of shape {tuple(points.shape)} holds no cloud: give at least one.")
     sizes = None if lengths is None else lengths.reshape(-1)
     may_stay = stays_on_device(points) and points.device.type != "mps"  # that lacks the float64 of the search
     if method == "device" or (method == "auto" and may_stay):

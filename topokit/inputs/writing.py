@@ -43,7 +43,7 @@ def completed_file(path: str | os.PathLike[str]) -> Iterator[Path]:
             else:
                 unfinished.chmod(0o666 & ~_umask())
             os.replace(unfinished, target)
-    except TopokitError:
+    except (TopokitError, BrokenPipeError):  # the pipe is another output, which somebody closed
         raise
     except OSError as error:
         raise InputError(f"{path} could not be written ({error.strerror or error}).") from error

@@ -120,7 +120,7 @@ def test_steps_and_addresses_lead_from_shape_to_shape(page: Page, page_file: Pat
     page.goto(f"{page_file.as_uri()}#shape-4")
     assert page.text_content("#heading") == "2.obj"
     page.click("#next")
-    page.locator("#heading", has_text="script").wait_for()  # a function to wait for would be eval, which the page forbids
+    page.locator("#heading", has_text="script").wait_for()  # wait_for_function would need eval, which is forbidden
     assert page.text_content("#heading") == HOSTILE
     assert f"{HOSTILE} is empty" in str(page.text_content("#details"))
     assert page.locator("#message").is_visible()

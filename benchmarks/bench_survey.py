@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 import topokit as tk
-from topokit.batch.processes import n_cores
+from topokit.core.processors import n_cores
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 
 FILES = 1000

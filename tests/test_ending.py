@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
+from interrupts import accept_interrupts
 
 from topokit.ending import finally_do
 from topokit.errors import InputError
@@ -46,11 +47,6 @@ NEVER_READY = """
         time.sleep(100)
 """
 linux = pytest.mark.skipif(sys.platform == "win32", reason="processes cannot be sent these signals")
-
-
-def accept_interrupts() -> None:
-    """In the new process: jobs in the background of a shell, and what they start, ignore SIGINT."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def ended(block: str, *signals: int) -> tuple[int, list[str], str]:

@@ -29,7 +29,7 @@ FLOORS = [
 ]
 CORE_FLOORS = [
     {"samples", "neighbors", "kd_tree", "linalg", "chunks"}
-    | {"components", "labels", "draws", "threads", "surface", "loops", "stages"}
+    | {"components", "labels", "draws", "processors", "threads", "surface", "loops", "stages"}
     | {"device_neighbors", "jacobi", "kd_order", "residence", "selection"},
     {"local", "grid"},
     {"cloud", "mesh", "implicit", "homotopy", "blocks"},

@@ -11,7 +11,7 @@ import torch
 
 import topokit as tk
 from topokit.batch.examine import COLUMNS
-from topokit.batch.processes import n_cores
+from topokit.core.processors import n_cores
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 
 DATA = Path(__file__).resolve().parents[1] / "data"

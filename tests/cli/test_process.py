@@ -16,14 +16,10 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from interrupts import accept_interrupts
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 TOPOKIT = [sys.executable, "-m", "topokit"]
-
-
-def accept_interrupts() -> None:
-    """In the new process: jobs in the background of a shell, and what they start, ignore SIGINT."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture

@@ -56,7 +56,7 @@ def test_errors_name_the_packed_file(tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("topokit.inputs.unpacking._FREE", 1 << 20)
+    monkeypatch.setattr("topokit.inputs.unpacking.FREE_OF_MASKS", 1 << 20)
     (tmp_path / "bomb.xyz.gz").write_bytes(gzip.compress(bytes(20 << 20)))
     with pytest.raises(ReadError, match="decompression bomb"):
         tk.load(tmp_path / "bomb.xyz.gz")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from itertools import islice
 from typing import Any, TypeVar
 
-from topokit.batch.processes import n_cores
+from topokit.core.processors import n_cores
 from topokit.errors import InputError, MissingDependencyError, summary
 
 Task = TypeVar("Task")

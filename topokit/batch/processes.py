@@ -17,6 +17,7 @@ from typing import IO, Any, TypeVar
 
 from topokit.batch.limits import NO_LIMITS, Limits, memory_of, watched
 from topokit.batch.worker import LENGTH_BYTES, import_what_is_needed
+from topokit.core.processors import n_cores
 from topokit.ending import finally_do
 
 Task = TypeVar("Task")
@@ -27,11 +28,6 @@ _START = "import sys; sys.path[:] = {path!r}; from topokit.batch.worker import m
 # A process group of its own: an interrupt from the keyboard goes to a whole group, and the parent ends its workers.
 _APART: dict[str, Any] = {"creationflags": 0x200} if sys.platform == "win32" else {"process_group": 0}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-def n_cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def map_in_processes(

@@ -11,8 +11,9 @@ from typing import Any
 
 from topokit.batch.examine import Answer, Options, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
-from topokit.batch.processes import map_in_processes, n_cores
+from topokit.batch.processes import map_in_processes
 from topokit.batch.sources import Source
+from topokit.core.processors import n_cores
 from topokit.errors import InputError, TopokitError
 
 _STORED = (".zarr", ".h5", ".hdf5", ".npy")  # files, or folders, that may hold a volume to be counted block by block

@@ -178,7 +178,7 @@ def _unfinished(found: Sources, output: Path, request: Request) -> tuple[Sources
     left = tuple(source for source in found.sources if source.name not in done)
     n_done = len(found.sources) - len(left)
     say(f"{plural(n_done, 'file')} of {len(found.sources)} {'was' if n_done == 1 else 'were'} examined before.")
-    failed = sorted({record["file"] for record in records if record.get("error")})
+    failed = {record["file"] for record in records if record.get("error")}
     if failed:
         say(f"{len(failed)} of them failed; delete their lines from {output} to examine them again.")
     return replace(found, sources=left), bool(failed)

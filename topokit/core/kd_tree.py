@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from topokit.core.processors import n_cores
 
 _BLOCK = 1 << 13
 """Queries of one task: about 20 ms of work, after which a thread can stop, and far more than a task costs."""
@@ -32,7 +33,7 @@ def nearest_in_tree(tree: cKDTree, positions: NDArray[np.float64], n_nearest: in
         return tree.query(positions[start : start + _BLOCK], n_nearest)[1]
 
     starts = range(0, len(positions), _BLOCK)
-    n_threads = min(_n_cores(), len(starts))
+    n_threads = min(n_cores(), len(starts))
     if n_threads < 2:
         return np.concatenate([search(start) for start in starts or (0,)])
     threads = ThreadPoolExecutor(n_threads)
@@ -40,7 +41,3 @@ def nearest_in_tree(tree: cKDTree, positions: NDArray[np.float64], n_nearest: in
         return np.concatenate(list(threads.map(search, starts)))
     finally:
         threads.shutdown(cancel_futures=True)
-
-
-def _n_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -23,6 +23,9 @@ _DATA_ERRORS: tuple[type[Exception], ...] = (
     zlib.error,
 )
 _FREE = 1 << 28  # bytes that any compressed file may expand to
+FREE_OF_MASKS = 1 << 30
+"""Bytes that a compressed volume may expand to: masks of one organ in a whole body do so by a factor of 1000."""
+
 _MOST_EXPANSION = 200  # real splat scenes and arrays expand 2 to 20 times
 
 

@@ -15,10 +15,9 @@ from typing import Any, BinaryIO
 from topokit.ending import finally_do
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.files import GZIP, existing_file
-from topokit.inputs.reading import reading, require_expansion
+from topokit.inputs.reading import FREE_OF_MASKS, reading, require_expansion
 
 _STEP = 1 << 20  # bytes copied at a time
-_FREE = 1 << 30  # bytes that any gzip file may expand to: masks of one organ in a body do so by a factor of 1000
 _FORBIDDEN = set('/\\:*?"<>|\0')  # in a file's name, on one platform or another
 
 
@@ -44,7 +43,7 @@ def unpacked(path: Path) -> Iterator[Path]:
         with reading(path, "gzip"), gzip.open(path) as packed:
             while part := packed.read(_STEP):
                 written += len(part)
-                require_expansion(path, written, size, _FREE)
+                require_expansion(path, written, size, FREE_OF_MASKS)
                 target.write(part)
 
     with _temporary(path.name[:-3] if path.name.lower().endswith(".gz") else path.name, str(path), unpack) as plain:

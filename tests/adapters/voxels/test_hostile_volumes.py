@@ -71,7 +71,7 @@ def test_compressed_voxels_that_grow_are_refused(
 
     from topokit.adapters.voxels import bounds
 
-    monkeypatch.setattr(bounds, "FREE", 1 << 20)
+    monkeypatch.setattr(bounds, "FREE_OF_MASKS", 1 << 20)
     packed = {"gzip": gzip.compress, "bzip2": bz2.compress}[encoding](bytes(4 << 20))
     (tmp_path / "f.nrrd").write_bytes(HEADER.format(2, 2, 2, encoding, "").encode() + packed)
     with pytest.raises(ReadError, match="decompression bomb"):
@@ -81,7 +81,7 @@ def test_compressed_voxels_that_grow_are_refused(
 def test_a_gzip_bomb_is_refused_by_any_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from topokit.inputs import unpacking
 
-    monkeypatch.setattr(unpacking, "_FREE", 1 << 20)
+    monkeypatch.setattr(unpacking, "FREE_OF_MASKS", 1 << 20)
     (tmp_path / "f.nii.gz").write_bytes(gzip.compress(bytes(344) + b"n+1\0" + bytes(8 << 20)))
     with pytest.raises(ReadError, match="decompression bomb"):
         tk.load(tmp_path / "f.nii.gz")

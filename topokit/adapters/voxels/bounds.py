@@ -12,10 +12,7 @@ from typing import Any, BinaryIO, Literal
 
 from topokit.errors import ReadError
 from topokit.inputs.beside import file_beside
-from topokit.inputs.reading import require_bytes, require_expansion
-
-FREE = 1 << 30
-"""Bytes that any compressed volume may expand to: masks of one organ in a whole body do so by a factor of 1000."""
+from topokit.inputs.reading import FREE_OF_MASKS, require_bytes, require_expansion
 
 _STEP = 1 << 20
 _BIG_TIFF = 43  # version of the format with offsets of eight bytes
@@ -70,7 +67,7 @@ def check_tiff(path: Path, file: Any) -> None:
         if is_plain:
             require_bytes(path, f"pages of shape {series.shape}", series.nbytes, path.stat().st_size)
         else:
-            require_expansion(path, series.nbytes, path.stat().st_size, FREE)
+            require_expansion(path, series.nbytes, path.stat().st_size, FREE_OF_MASKS)
 
 
 def check_nrrd(path: Path) -> None:
@@ -96,7 +93,7 @@ def check_nrrd(path: Path) -> None:
         n_unpacked = 0
         for length in _unpacked_lengths(unpack(file)):
             n_unpacked += length
-            require_expansion(path, n_unpacked, place.stat().st_size, FREE)
+            require_expansion(path, n_unpacked, place.stat().st_size, FREE_OF_MASKS)
 
 
 def _unpacked_lengths(unpacked: Any) -> Iterator[int]:

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.bounds import FREE, check_nifti, check_nrrd
+from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, head
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
@@ -160,7 +160,7 @@ def _check_metaimage(path: Path) -> None:
     kind = fields.get(b"ElementType", b"").decode("ascii", "replace").upper().removeprefix("MET_")
     needed = n_voxels * n_channels * _ELEMENT_BYTES.get(kind, 8)
     if fields.get(b"CompressedData", b"").upper() == b"TRUE":
-        require_expansion(path, needed, data.stat().st_size, FREE)
+        require_expansion(path, needed, data.stat().st_size, FREE_OF_MASKS)
     else:
         require_bytes(path, f"{n_voxels} voxels", needed, data.stat().st_size)
 

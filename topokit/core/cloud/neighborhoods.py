@@ -204,6 +204,14 @@ def disagreement(normals: Floats, index: Integers, n_neighbors: int = 8) -> floa
     return float(((normals[index[:, 1 : n_neighbors + 1]] * normals[:, None]).sum(2) < 0).mean())
 
 
+def opposite_neighbors(points: Floats, normals: Floats, index: Integers) -> tuple[NDArray[np.bool_], Floats, Floats]:
+    """Which neighbors (N, k) belong to an opposite sheet; height above the sample, and squared distance sideways."""
+    opposite = (normals[index] * normals[:, None]).sum(2) < _OPPOSITE
+    way = points[index] - points[:, None]
+    height = (way * normals[:, None]).sum(2)
+    return opposite, height, (way * way).sum(2) - height**2
+
+
 def crowded_shares(
     points: Floats, normals: Floats, index: Integers, spacing: float, reach: Sequence[float]
 ) -> tuple[float, ...]:
@@ -219,9 +227,6 @@ def crowded_shares(
         spacing: typical distance between neighboring samples.
         reach: distances of the opposite sheet, in spacings; sideways it is less than one spacing away.
     """
-    opposite = (normals[index] * normals[:, None]).sum(2) < _OPPOSITE
-    way = points[index] - points[:, None]
-    height = (way * normals[:, None]).sum(2)
-    side = (way * way).sum(2) - height**2
+    opposite, height, side = opposite_neighbors(points, normals, index)
     near = opposite & (side < spacing**2)
     return tuple(float((near & (np.abs(height) < one * spacing)).any(1).mean()) for one in reach)

@@ -36,9 +36,7 @@ _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1
 """Cost factors: a candidate without alternation must be clearly better."""
 
 _FEW_CONTRADICTED = 0.002  # share of normals against their own solid up to which propagation is believed
-_SMOOTH = (
-    0.2  # roughness up to which propagation is tried on all points: 47 clean shapes, 30 below, 27 of these believed
-)
+_SMOOTH = 0.2  # roughness up to which it is tried on all points: of 47 clean shapes 30 are below, 27 of them believed
 _GRAPH = 8  # neighbors that signs are carried to
 _SMALLEST_PART = 20  # samples of the smallest part that must be covered by itself
 _MOSTLY_COVERED = 0.9  # coverage that it needs for that; edges of CAD parts leave 8 % of the samples off the surface

@@ -14,17 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.cloud.delaunay_cut import DelaunayComplex, cut_complex, delaunay_complex
-from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry
+from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry, opposite_neighbors
 from topokit.core.cloud.votes import CUT_SETTINGS
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _SHIFTS = (0.3, 0.6)  # in spacings; a wall without thickness needs about one spacing to be resolved
 _FREE = 3.0  # spacings beyond which another sheet does not matter
 _NEAR = 1.5  # spacings up to which it may be joined to the wrong side
 _SIDEWAYS = 0.7  # spacings by which the opposite sample of a sheet may lie aside
-_OPPOSITE = -0.5  # cosine below which two normals belong to opposite sheets
 _SMOOTHED_OVER = 8  # neighbors over which the shifts are averaged, twice
 
 
@@ -73,12 +71,10 @@ def clearances(points: Floats, normals: Floats, local: LocalGeometry) -> tuple[F
         local: neighborhoods of the points, among which the opposite sheet is looked for.
     """
     index = local.wide_index
-    way = points[index] - points[:, None]
-    height = (way * normals[:, None]).sum(2)
-    back = -(way * normals[index]).sum(2)  # the same, seen from the other sample
-    aside = np.sqrt(np.maximum((way * way).sum(2) - height**2, 0))
+    opposite, height, side = opposite_neighbors(points, normals, index)
+    back = ((points[:, None] - points[index]) * normals[index]).sum(2)  # the height, seen from the other sample
+    aside = np.sqrt(np.maximum(side, 0))
     distance = np.hypot(height, np.maximum(aside - _SIDEWAYS * local.spacings[:, None], 0)) / local.spacings[:, None]
-    opposite = (normals[index] * normals[:, None]).sum(2) < _OPPOSITE
     walls, gaps = opposite & (height < 0) & (back < 0), opposite & (height > 0) & (back > 0)
     behind, ahead = (np.where(facing, distance, _FREE).min(1) for facing in (walls, gaps))
     return np.minimum(behind, _FREE), np.minimum(ahead, _FREE)

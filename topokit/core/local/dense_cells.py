@@ -65,11 +65,21 @@ def _cut(cells: Tensor, squared: Tensor, other: Tensor, exists: Tensor) -> tuple
     (ux, uy), (vx, vy) = cells.unbind(-1), (part.gather(1, other) for part in cells.unbind(-1))
     twice_cross = 2 * (ux * vy - uy * vx)
     fixed = squared.detach()
-    sizes = fixed + fixed.gather(1, other)
-    exists = exists & (sizes / twice_cross / twice_cross).isfinite()  # so are the derivatives then
+    exists = exists & is_cut(twice_cross, fixed + fixed.gather(1, other))
     at = (squared.gather(1, other) - (ux * vx + uy * vy)) / twice_cross.where(exists, 1)
     is_known = exists & (fixed * (0.25 + at.detach().square()) <= fixed.amax(-1, keepdim=True))
     return at.where(is_known, 0), is_known
+
+
+def is_cut(twice_cross: Tensor, squared: Tensor) -> Tensor:
+    """Whether the bisectors of u and v meet so near that the derivatives of the place are finite.
+
+    Args:
+        twice_cross: 2 u × v, of any shape.
+        squared: |u|² + |v|².
+    """
+    divisor = twice_cross.detach()
+    return (squared.detach() / divisor / divisor).isfinite()
 
 
 @torch.no_grad()

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.linalg import squared_norm
-from topokit.core.local.dense_cells import dense_cell_areas
+from topokit.core.local.dense_cells import dense_cell_areas, is_cut
 from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
@@ -110,8 +110,7 @@ def _cuts(tangent: Tensor, squared: Tensor, vertices: CellVertices) -> tuple[Ten
     first, second = vertices.first, vertices.second
     (ux, uy), (vx, vy) = (tangent.index_select(0, index).unbind(-1) for index in (first, second))
     twice_cross = 2 * (ux * vy - uy * vx)
-    sizes = (squared.index_select(0, first) + squared.index_select(0, second)).detach()
-    crosses = (sizes / twice_cross / twice_cross).isfinite()  # so are the derivatives then
+    crosses = is_cut(twice_cross, squared.index_select(0, first) + squared.index_select(0, second))
     twice_cross = twice_cross.where(crosses, 1)
     product = ux * vx + uy * vy
     upper = (squared.index_select(0, second) - product) / twice_cross

@@ -13,7 +13,7 @@ import pytest
 
 import topokit as tk
 from topokit.batch import examine as examination
-from topokit.batch.journal import finished_records
+from topokit.batch.journal import Journal
 from topokit.errors import InputError
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -64,7 +64,7 @@ def test_the_last_file_of_several_labels_is_done_again(tmp_path: Path, opened: l
     for name in ("a.npy", "b.npy"):
         np.save(tmp_path / name, np.arange(4).repeat(16).reshape(8, 2, 4))
     journal = tmp_path / "rows.jsonl"
-    whole = tk.survey(tmp_path, labels="all", resume=journal).rows
+    whole = tk.survey(tmp_path, labels="all", adapter="voxels", resume=journal).rows
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[:5]))  # b has lost a label
     again = tk.survey(tmp_path, labels="all", adapter="voxels", resume=journal)
@@ -88,7 +88,7 @@ def test_other_files_are_refused(tmp_path: Path, content: str, message: str) -> 
     path = tmp_path / "rows.jsonl"
     path.write_text(content)
     with pytest.raises(InputError, match=message):
-        finished_records(path, several=False)
+        Journal(path, {}).finished()
     assert path.read_text() == content
 
 
@@ -96,3 +96,49 @@ def test_rows_of_something_else_are_refused(folder: Path, tmp_path: Path) -> Non
     (tmp_path / "rows.jsonl").write_text('{"file": "a.stl", "euler": 2}\n')
     with pytest.raises(InputError, match="other columns"):
         tk.survey(folder, resume=tmp_path / "rows.jsonl")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ({}, {"n_samples": 500}, r'line 1, was examined with no options, and this run has the options {"n_samples": 500}'),
+        ({"details": True}, {}, r'with the options {"details": true}, and this run has no options'),
+        ({"adapter": "mesh"}, {"adapter": "mesh", "n_samples": 9}, "go on with the same options, or write to another"),
+    ],
+)
+def test_rows_of_other_options_are_refused(
+    folder: Path, tmp_path: Path, before: dict[str, Any], after: dict[str, Any], message: str
+) -> None:
+    journal = tmp_path / "rows.jsonl"
+    first = tk.survey(folder / "0.stl", resume=journal, **before).rows
+    content = journal.read_text()
+    with pytest.raises(InputError, match=message):
+        tk.survey(folder, resume=journal, **after)
+    assert journal.read_text() == content
+    assert tk.survey(folder / "0.stl", resume=journal, **before).rows == first
+
+
+def test_failed_files_are_tried_again_if_asked(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    failed = [row["file"] for row in tk.survey(folder, resume=journal).rows if row["error"]]
+    assert failed == [str(folder / "2.stl")]
+    del opened[:]
+    assert tk.survey(folder, resume=journal).rows[2]["error"]
+    assert opened == []
+    shutil.copy(DATA / "torus.stl", folder / "2.stl")
+    assert not any(row["error"] for row in tk.survey(folder, resume=journal, retry_failed=True).rows)
+    assert opened == ["2.stl"]
+    assert len(journal.read_text().splitlines()) == 6
+
+
+def test_a_label_that_failed_has_all_labels_of_its_file_examined_again(tmp_path: Path, opened: list[str]) -> None:
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, np.arange(4).repeat(16).reshape(8, 2, 4))
+    path = tmp_path / "rows.jsonl"
+    whole = tk.survey(tmp_path, labels="all", resume=path).rows
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines[1]["error"] = "it had no luck"
+    path.write_text("".join(json.dumps(line) + "\n" for line in [*lines, lines[-1] | {"file": "last"}]))
+    again = tk.survey(tmp_path, labels="all", resume=path, retry_failed=True)
+    assert without_times(again.rows) == without_times(whole)
+    assert opened == ["a.npy", "b.npy", "a.npy"]

@@ -52,6 +52,27 @@ def test_a_failure_before_the_stop_counts(tmp_path: Path) -> None:
     options = ["report", str(tmp_path / "truncated.stl"), "--jsonl", "-o", str(tmp_path / "rows.jsonl"), "--resume"]
     assert [CliRunner().invoke(app, options).exit_code for _ in range(2)] == [1, 1]
     assert len(files_in(tmp_path / "rows.jsonl")) == 1
+    shutil.copy(DATA / "torus.stl", tmp_path / "truncated.stl")
+    ran = CliRunner().invoke(app, options)
+    assert (ran.exit_code, "1 of them failed; add --retry-failed" in ran.stderr) == (1, True)
+    assert CliRunner().invoke(app, [*options, "--retry-failed"]).exit_code == 0
+    assert len(files_in(tmp_path / "rows.jsonl")) == 1
+
+
+def test_other_options_are_wrong_usage(tmp_path: Path) -> None:
+    options = ["report", str(DATA / "torus.stl"), "--jsonl", "-o", str(tmp_path / "rows.jsonl")]
+    assert CliRunner().invoke(app, [*options, "--samples", "500"]).exit_code == 0
+    assert json.loads((tmp_path / "rows.jsonl").read_text())["options"] == {"n_samples": 500}
+    ran = CliRunner().invoke(app, [*options, "--resume", "--samples", "600"])
+    assert ran.exit_code == 2
+    assert "was examined with the options" in ran.stderr
+    assert CliRunner().invoke(app, [*options, "--resume", "--samples", "500"]).exit_code == 0
+    assert len(files_in(tmp_path / "rows.jsonl")) == 1
+
+
+def test_retrying_without_resuming_is_wrong_usage(folder: Path) -> None:
+    ran = CliRunner().invoke(app, ["report", str(folder), "--retry-failed"])
+    assert (ran.exit_code, "--retry-failed goes with --resume" in ran.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("more", [[], ["-o", "x.jsonl"], ["--jsonl"], ["--jsonl", "-o", "x", "--fail-on", "open"]])

@@ -163,10 +163,10 @@ def report_row(report: TopologyReport, shape: Shape) -> Row:
 
 
 def _is_manifold(report: TopologyReport, shape: Shape) -> bool | None:
-    """Of a mesh what counting says, whose boundary loops are counted if it is a manifold; of samples only if closed."""
+    """Of a mesh what counting says; of samples only if they are closed."""
     if report.closed:
         return True
-    return None if shape.mesh is None else report.boundary_loops is not None
+    return None if shape.counted is None else shape.counted.manifold
 
 
 def _shapes(path: Path, labels: Any, adapter: str, options: Mapping[str, Any]) -> Iterator[tuple[int | None, Shape]]:

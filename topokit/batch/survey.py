@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
 from topokit.batch.examine import COLUMNS, Answer, Given, Questions, Row, called
-from topokit.batch.journal import finished_records
+from topokit.batch.journal import Journal, plain_options
 from topokit.batch.limits import NO_LIMITS, Limits
+from topokit.batch.names import names_in_common_folder
 from topokit.batch.sources import Paths, Sources, find_sources
 from topokit.batch.workers import examine_each
 from topokit.ending import written_whole
@@ -45,7 +46,7 @@ class Survey:
         jobs: int,
         limits: Limits = NO_LIMITS,
         client: Any = None,
-        journal: Path | None = None,
+        journal: Journal | None = None,
     ) -> None:
         self.files = tuple(source.name for source in sources.sources)
         self.passed_over = sources.passed_over
@@ -80,6 +81,8 @@ class Survey:
     def save_html(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
         """Write a page with a table of all files and a 3D view of each; files are examined for it, known rows or not.
 
+        The page calls files by their paths below the folder that they have in common.
+
         Args:
             path: file to write, called .html or .htm.
             title: heading of the page; the file's name by default.
@@ -91,7 +94,8 @@ class Survey:
 
         questions = replace(self._questions, with_page=True)
         with closing(examine_each(self._sources, questions, *self._workers)) as coming:
-            write_html((entry(answer) for _, answers in coming for answer in answers), path, title=title)
+            names = names_in_common_folder(self._sources)
+            write_html((entry(answer, names) for _, answers in coming for answer in answers), path, title=title)
 
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
@@ -105,12 +109,12 @@ class Survey:
         """
         return topology_distance(self.rows, other.rows)
 
-    def _finished(self, journal: Path) -> dict[int, list[Row]]:
+    def _finished(self, journal: Journal) -> dict[int, list[Row]]:
         """The rows of the files that are in a journal already."""
         records: dict[str, list[Row]] = {}
-        for record in finished_records(journal, several=self._questions.labels is not None):
+        for record in journal.finished():
             if record.keys() != set(COLUMNS):
-                raise InputError(f"{journal} has other columns than a survey; name another file to resume.")
+                raise InputError(f"{journal.path} has other columns than a survey; name another file to resume.")
             records.setdefault(record["file"], []).append(record)
         return {number: records[name] for number, name in enumerate(self.files) if name in records}
 
@@ -119,8 +123,9 @@ class Survey:
         if self._journal is not None:
             from topokit.report.report import plain
 
-            with written_whole(), self._journal.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(plain(row), ensure_ascii=False) + "\n" for row in rows)
+            records = (self._journal.record(row) for row in rows)
+            with written_whole(), self._journal.path.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(plain(record), ensure_ascii=False) + "\n" for record in records)
 
 
 def survey(
@@ -131,6 +136,7 @@ def survey(
     memory_limit: float | None = None,
     client: Any = None,
     resume: str | os.PathLike[str] | None = None,
+    retry_failed: bool = False,
     adapter: str | None = None,
     labels: Literal["all"] | Sequence[int] | None = None,
     details: bool = False,
@@ -149,7 +155,9 @@ def survey(
         client: a `dask.distributed.Client`, whose workers examine the files instead. They must see them under the same
             paths. A worker that dies costs a retry, a file that ends all workers that try it one row.
         resume: file of JSON lines, to which the rows of each file are added as soon as they are known. Files that are
-            in it already are not examined again: so a survey that was stopped goes on where it was.
+            in it already are not examined again: so a survey that was stopped goes on where it was, with the same
+            options, which the lines hold.
+        retry_failed: examine those files of it again that failed.
         adapter: name of the adapter to use; by content and suffix by default.
         labels: examine each label of labeled volumes as a shape of its own: "all" or a list of them.
         details: as for `Shape.report`.
@@ -159,7 +167,8 @@ def survey(
         A `Survey`: iterate over it, or take its `rows`, its `summary()` or the `distance()` to another one.
 
     Raises:
-        InputError: if `jobs` is negative, a limit is not positive, or the file to resume is no survey.
+        InputError: if `jobs` is negative, a limit is not positive, or the file to resume is no survey, or one with
+            other options.
 
     Example:
         >>> import tempfile, topokit as tk
@@ -179,12 +188,18 @@ def survey(
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
     questions = Questions(Given(adapter, options), labels, details)
-    journal = None if resume is None else Path(resume)
+    journal = None
+    if resume is not None:
+        given = plain_options(adapter, options, labels=labels, details=details)
+        journal = Journal(Path(resume), given, several=labels is not None, retries=retry_failed)
     return Survey(find_sources(paths, adapter), questions, jobs, Limits(time_limit, memory_limit), client, journal)
 
 
-def entry(answer: Answer) -> Entry:
-    """The row of a page for an answer."""
+def entry(answer: Answer, names: Mapping[str, str]) -> Entry:
+    """The row of a page for an answer, with what to call each file."""
     from topokit.pages import Entry
 
-    return Entry(called(answer.row), answer.fragment, answer.error, answer.row["seconds"])
+    file = answer.row["file"]
+    name = called(answer.row | {"file": names[file]})
+    error = None if answer.error is None else answer.error.replace(file, names[file])
+    return Entry(name, answer.fragment, error, answer.row["seconds"])

@@ -13,7 +13,8 @@ from typing import Any, Literal, TextIO
 import typer
 
 from topokit.batch.examine import Answer, Questions
-from topokit.batch.journal import finished_records
+from topokit.batch.journal import Journal
+from topokit.batch.names import names_in_common_folder
 from topokit.batch.sources import Sources
 from topokit.batch.survey import entry
 from topokit.batch.workers import examine_each
@@ -39,7 +40,7 @@ def answer_files(
     locate: bool = False,
     with_report: bool = True,
     output: Path | None = None,
-    resume: bool = False,
+    resume: Journal | None = None,
     html: Path | None = None,
     check: Callable[[Answer], Answer] = lambda answer: answer,
 ) -> None:
@@ -54,7 +55,7 @@ def answer_files(
         locate: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
-        resume: whether to add to that file, of JSON lines, those files that are not in it.
+        resume: that file, of JSON lines, to add those files to that are not in it.
         html: page to write besides.
         check: may turn an answer into a failure.
     """
@@ -76,15 +77,15 @@ def answer_files(
 
     with sources_of(files, request.format, opener.adapter) as found, _cluster(request) as client:
         _say_what_was_passed_over(found, request.verbose)
-        if resume and output is not None:
-            found, had_failed = _unfinished(found, output, request)
+        if resume is not None:
+            found, had_failed = _unfinished(found, resume)
         with (
             _stream(output, found, "a" if resume else "w") as stream,
             progress_bar(_names_for_bar(found, opener)) as bar,
             _finished(make_writer(stream, found)) as writer,
             closing(examine_each(found.sources, questions, request.jobs, request.limits, client)) as coming,
         ):
-            _write_page(shown(coming, writer, bar, stream.isatty()), html)
+            _write_page(shown(coming, writer, bar, stream.isatty()), html, found)
     raise typer.Exit(int(has_failed or had_failed))
 
 
@@ -92,15 +93,16 @@ def _meets(answer: Answer, request: Request) -> bool:
     return answer.error is None and any(meets(answer.row) for meets in request.conditions)
 
 
-def _write_page(answers: Iterator[Answer], html: Path | None) -> None:
+def _write_page(answers: Iterator[Answer], html: Path | None, found: Sources) -> None:
     """Take all answers, and write those to a page, if one is wanted."""
     if html is None:
         deque(answers, maxlen=0)
         return
     from topokit.pages import write_html
 
+    names = names_in_common_folder(found.sources)
     try:
-        write_html(map(entry, answers), html)
+        write_html((entry(answer, names) for answer in answers), html)
     except InputError as error:  # about the name of the page, before anything is examined
         raise typer.BadParameter(f"--html: {error}") from error
 
@@ -168,10 +170,10 @@ def _cluster(request: Request) -> Iterator[Any]:
         yield client
 
 
-def _unfinished(found: Sources, output: Path, request: Request) -> tuple[Sources, bool]:
+def _unfinished(found: Sources, journal: Journal) -> tuple[Sources, bool]:
     """The sources that are not in the output yet, and whether one that is there failed."""
     try:
-        records = finished_records(output, several=request.labels is not None)
+        records = journal.finished()
     except InputError as error:
         raise typer.BadParameter(f"--resume: {error}") from error
     done = {record["file"] for record in records}
@@ -180,7 +182,7 @@ def _unfinished(found: Sources, output: Path, request: Request) -> tuple[Sources
     say(f"{plural(n_done, 'file')} of {len(found.sources)} {'was' if n_done == 1 else 'were'} examined before.")
     failed = {record["file"] for record in records if record.get("error")}
     if failed:
-        say(f"{len(failed)} of them failed; delete their lines from {output} to examine them again.")
+        say(f"{len(failed)} of them failed; add --retry-failed to examine them again.")
     return replace(found, sources=left), bool(failed)
 
 

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
 from topokit.batch.examine import COLUMNS, Answer, called
+from topokit.batch.journal import Journal, plain_options
+from topokit.batch.names import distinguishing_names
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
 from topokit.cli.encoding import use_encodable_letters
@@ -27,6 +31,7 @@ from topokit.cli.writers import CsvWriter, Form, JsonLinesWriter, JsonWriter, Ta
 from topokit.errors import AdapterWarning
 
 if TYPE_CHECKING:
+    from topokit.report.report import TopologyReport
     from topokit.shape import Shape
 
 app = typer.Typer(
@@ -89,6 +94,9 @@ def report(
         bool,
         typer.Option("--resume", help="Go on with the file of -o, written with --jsonl by a run that was stopped."),
     ] = False,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="With --resume: examine those files again that failed.")
+    ] = False,
     html: Annotated[
         Path | None, typer.Option("--html", help="Also write one HTML file with a 3D view of every shape.")
     ] = None,
@@ -97,6 +105,10 @@ def report(
 
     if resume and (output is None or form != "jsonl" or html is not None or request.conditions):
         raise typer.BadParameter("--resume goes with -o and --jsonl, and without --html and --fail-on.")
+    if retry_failed and not resume:
+        raise typer.BadParameter("--retry-failed goes with --resume.")
+    given = plain_options(opener.adapter, opener.given, labels=request.labels, details=details, locate=locate)
+    lines = Journal(output or Path(), given, several=request.labels is not None, retries=retry_failed)
 
     def record(answer: Answer) -> dict[str, Any]:
         return _named(answer) | (answer.report.to_dict() if answer.report else {"error": answer.error})
@@ -107,12 +119,13 @@ def report(
         if chosen == "json":
             return JsonWriter(stream, record)
         if chosen == "jsonl":
-            return JsonLinesWriter(stream, record)
+            return JsonLinesWriter(stream, lambda answer: lines.record(record(answer)))
         if chosen == "csv":
             return CsvWriter(stream)
         if chosen == "table":
-            return TableWriter(stream, [source.name for source in found.sources])
-        return TextWriter(stream, lambda answer: f"{answer.report}\n")
+            return TableWriter(stream, [f"{source.name}{_longest_label(request.labels)}" for source in found.sources])
+        names = distinguishing_names(found.sources)
+        return TextWriter(stream, lambda answer: f"{_told_apart(answer, names)}\n")
 
     needs_report = form not in ("csv", "table")
     answer_files(
@@ -124,7 +137,7 @@ def report(
         locate=locate or html is not None,
         with_report=needs_report,
         output=output,
-        resume=resume,
+        resume=lines if resume else None,
         html=html,
     )
 
@@ -226,6 +239,21 @@ def demo() -> None:
     mesh, cloud = tk.from_mesh(genus_mesh(3)), tk.from_points(torus_samples(10_000).points)
     typer.echo(f"{mesh.replace(name='a genus-3 mesh').report()}\n")
     typer.echo(f"{cloud.replace(name='a torus as an unoriented point cloud').report()}\n")
+
+
+def _longest_label(labels: Literal["all"] | Sequence[int] | None) -> str:
+    """What comes behind the name of a file at most; "all" labels are known only later, and seldom have six digits."""
+    if labels is None:
+        return ""
+    return max((f", label {label}" for label in ([99_999] if labels == "all" else labels)), key=len)
+
+
+def _told_apart(answer: Answer, names: Mapping[str, str]) -> TopologyReport | None:
+    """The report of an answer, named by more than the file's name if another file has that, too."""
+    file = answer.row["file"]
+    if answer.report is None or names[file] == Path(file).name:
+        return answer.report
+    return replace(answer.report, name=called(answer.row | {"file": names[file]}))
 
 
 def _named(answer: Answer) -> dict[str, Any]:

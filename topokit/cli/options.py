@@ -93,6 +93,8 @@ _ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
 # In messages of the library: n_samples, level=…, adapter='mesh'; "level" alone is a word.
 _NAMES = "|".join(("adapter", "labels", *_TEXTS))
 _IN_PYTHON = re.compile(rf"\b(n_neighbors|n_samples|(?:{_NAMES})(?==))(?:='?([^\s',;)]*[^\s',;.)])'?)?")
+# topokit.from_points as the name of what to use; with arguments it is a line of Python, and stays one.
+_OPENERS = re.compile(r"\btopokit\.from_(mesh|points|voxels|sdf|occupancy|splats)\b(?!\()")
 
 
 @dataclass(frozen=True)
@@ -231,6 +233,8 @@ opens_files = bundled("opener", _OPTIONS, _opener)
 def in_shell(message: str, name: str) -> str:
     """A message of the library in terms of the command line: "pass level=…" becomes "pass --level …".
 
+    "Use topokit.from_points" becomes "use --adapter points".
+
     Args:
         message: of an error.
         name: of the file, which is left as it is.
@@ -240,4 +244,5 @@ def in_shell(message: str, name: str) -> str:
         option, value = match.groups()
         return f"{_flag(option)} {value}" if value else _flag(option)
 
-    return name.join(_IN_PYTHON.sub(spelled, part) for part in message.split(name))
+    parts = (_OPENERS.sub(r"--adapter \1", _IN_PYTHON.sub(spelled, part)) for part in message.split(name))
+    return name.join(parts)

@@ -19,8 +19,26 @@ def file_beside(path: Path, name: str) -> Path:
         ReadError: if that is outside the given file's folder, be it by an absolute path, by "..", as an address of the
             net or through a link; or if it is missing.
     """
-    folder = path.resolve().parent
-    place = (folder / name).resolve()
-    if PurePosixPath(name).is_absolute() or "\\" in name or ":" in name or not place.is_relative_to(folder):
-        raise ReadError(f"{path} refers to {name!r}, which is not in its folder: it is not opened.")
-    return existing_file(place)
+    if PurePosixPath(name).is_absolute() or "\\" in name or ":" in name:
+        raise ReadError(_elsewhere(path, name))
+    return require_beside(path, path.resolve().parent / name)
+
+
+def require_beside(path: Path, place: Path) -> Path:
+    """A file that belongs to the given one, with links resolved.
+
+    Args:
+        path: the given file.
+        place: of the other one.
+
+    Raises:
+        ReadError: if that is outside the given file's folder, by ".." or through a link; or if it is missing.
+    """
+    found = place.resolve()
+    if not found.is_relative_to(path.resolve().parent):
+        raise ReadError(_elsewhere(path, place.name))
+    return existing_file(found)
+
+
+def _elsewhere(path: Path, name: str) -> str:
+    return f"{path} refers to {name!r}, which is not in its folder: it is not opened."

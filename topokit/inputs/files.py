@@ -11,6 +11,10 @@ from topokit.errors import ReadError
 
 HEAD = 1 << 16  # bytes that tell one format from another
 ZIP, GZIP = b"PK\x03\x04", b"\x1f\x8b"
+BEGINNINGS = {".ply": b"ply", ".npy": b"\x93NUMPY", ".npz": ZIP}
+"""How every file of these formats begins, which are those of several representations."""
+
+_SHOWN = 12  # bytes of a beginning in a message
 
 
 def user_path(source: str | os.PathLike[str]) -> Path:
@@ -40,6 +44,20 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     if not os.access(path, os.R_OK):
         raise ReadError(f"{path} is not readable by this user; check its permissions.")
     return path
+
+
+def require_beginning(path: Path) -> None:
+    """Refuse a file that does not begin as all files of its suffix do.
+
+    Raises:
+        ReadError: if it does not.
+    """
+    expected, start = BEGINNINGS.get(path.suffix.lower(), b""), head(path, _SHOWN)
+    if not start.startswith(expected):
+        raise ReadError(
+            f"{path} begins with {start!r}, and a {path.suffix.lower()} file with {expected!r}: it is damaged, or "
+            "something else under that name. Export it again, or rename it to what it is."
+        )
 
 
 def head(path: Path, size: int = HEAD) -> bytes:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from topokit.errors import ReadError
-from topokit.inputs.files import ZIP
+from topokit.inputs.files import BEGINNINGS, ZIP
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 from topokit.inputs.unpacking import unpacked
 
-NUMPY = b"\x93NUMPY"
+NUMPY = BEGINNINGS[".npy"]
 
 
 def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | None:

@@ -25,7 +25,7 @@ class Entry:
     """A row of a page.
 
     Attributes:
-        name: what to call it; a file's path.
+        name: what to call it.
         fragment: what there is to show, or None if the file failed.
         error: why it failed, or None.
         seconds: time it took, or None if unknown.

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
-from topokit.inputs.files import ZIP, existing_file, head
+from topokit.inputs.files import ZIP, existing_file, head, require_beginning
+from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
 
@@ -30,6 +31,7 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
     Raises:
         UnknownFormatError: if no adapter knows the file.
         MissingDependencyError: if those that do lack packages.
+        ReadError: if two are left because the content is damaged or contradicts the suffix.
         InputError: if two are left, or no adapter opens such objects.
     """
     if not isinstance(source, Path):
@@ -57,7 +59,12 @@ def knows(adapters: Sequence[Adapter], path: Path) -> bool:
 
 
 def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:
-    """The adapter with the longest matching suffix and, among equals, the highest priority."""
+    """The adapter with the longest matching suffix and, among equals, the highest priority.
+
+    Raises:
+        ReadError: if several are left because the file is damaged or is not what its suffix says.
+        InputError: if several are left all the same.
+    """
 
     def rank(adapter: Adapter) -> tuple[int, int]:
         return _suffix_length(adapter, source) if isinstance(source, Path) else 0, adapter.priority
@@ -65,6 +72,9 @@ def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:
     best = max(matching, key=rank)
     names = [repr(adapter.name) for adapter in matching if rank(adapter) == rank(best)]
     if len(names) > 1:
+        if isinstance(source, Path) and source.is_file():
+            with unpacked(source) as plain:
+                require_beginning(plain)
         options = " or ".join(f"adapter={name}" for name in names)
         raise InputError(f"{lead} the adapters {' and '.join(names)}, which rank equally: pass {options}.")
     return best

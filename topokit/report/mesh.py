@@ -20,9 +20,10 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
         evidence=Evidence("V − E + F", float(topology.euler), topology.euler, seconds),
         components=topology.components,
         closed=topology.is_closed,
-        boundary_loops=topology.boundary_loops if topology.is_manifold else None,
+        boundary_loops=topology.boundary_loops,
         verdict=mesh_verdict(topology.is_closed, exact_vertices),
         reasons=_reasons(topology),
+        manifold=topology.is_manifold,
         n_deciding=1 + sum(map(bool, _faults(topology))),
     )
 

@@ -43,12 +43,14 @@ class CountedAnswer:
         evidence: the count.
         components: the surface's connected components, largest area first.
         closed: whether the surface is a closed manifold.
-        boundary_loops: number of boundary loops, or None if they were not counted.
+        boundary_loops: number of boundary loops, or None if they were not counted. Where a mesh is no manifold, they are
+            those of its faces once pinched vertices are taken apart.
         verdict: how far the answer may be believed.
         reasons: sentences with their numbers.
         resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.
         further: additional evidence.
         n_deciding: how many of the first reasons decided the verdict.
+        manifold: whether no edge has three faces and no vertex two fans, or None if that is unknown.
     """
 
     evidence: Evidence
@@ -60,6 +62,7 @@ class CountedAnswer:
     resolution: float | None = None
     further: tuple[Evidence, ...] = ()
     n_deciding: int = 1
+    manifold: bool | None = None
 
 
 @dataclass(frozen=True)

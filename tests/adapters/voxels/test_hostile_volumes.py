@@ -57,6 +57,28 @@ def test_voxels_in_other_folders_are_not_opened(name: str, tmp_path: Path) -> No
         read_volume(tmp_path / "inner" / "f.nrrd")
 
 
+def test_links_to_voxels_elsewhere_are_not_followed(tmp_path: Path) -> None:
+    nibabel, _ = pytest.importorskip("nibabel"), pytest.importorskip("SimpleITK")
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    (tmp_path / "secret.raw").write_bytes(bytes(8))
+    (inner / "link.raw").symlink_to(tmp_path / "secret.raw")
+    fields = "ObjectType = Image\nNDims = 3\nDimSize = 2 2 2\nElementType = MET_UCHAR\nElementDataFile = link.raw\n"
+    (inner / "a.mhd").write_text(fields)
+    nibabel.save(nibabel.Nifti1Pair(np.zeros((2, 2, 2), np.uint8), np.eye(4)), inner / "b.hdr")
+    (inner / "b.img").rename(tmp_path / "b.img")
+    (inner / "b.img").symlink_to(tmp_path / "b.img")
+    for name in ("a.mhd", "b.hdr"):
+        with pytest.raises(ReadError, match="which is not in its folder: it is not opened"):
+            read_volume(inner / name)
+    (tmp_path / "linked.mhd").symlink_to(inner / "a.mhd")
+    (inner / "link.raw").unlink()
+    (inner / "link.raw").write_bytes(bytes(8))
+    assert read_volume(inner / "a.mhd")[0].shape == (2, 2, 2)
+    with pytest.raises(ReadError):  # SimpleITK would look beside the link
+        read_volume(tmp_path / "linked.mhd")
+
+
 def test_voxels_beside_the_header_are_read(tmp_path: Path) -> None:
     (tmp_path / "voxels.raw").write_bytes(bytes(range(8)))
     (tmp_path / "f.nhdr").write_text(HEADER.format(2, 2, 2, "raw", "data file: voxels.raw\n"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 from topokit.inputs.files import head
@@ -14,6 +15,8 @@ from topokit.plugins.adapter import Adapter
 TEXT = (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc")
 LAS = b"LASF"
 E57 = b"ASTM-E57"
+_END = 1 << 16  # bytes
+_LINES = {letter: re.compile(rb"\n[ \t]*%s[ \t]" % letter) for letter in (b"v", b"f")}  # all but the first line
 
 
 def is_cloud(source: Path) -> bool:
@@ -27,14 +30,15 @@ def is_cloud(source: Path) -> bool:
 
 def is_obj_cloud(path: Path) -> bool:
     """Whether a file called .obj has vertices and no faces, which only its end tells."""
-    has_vertex = False
-    with unpacked(path) as plain, plain.open("rb") as file:
-        for line in file:
-            start = line[:4].lstrip()[:2]
-            if start in (b"f ", b"f\t"):
-                return False
-            has_vertex = has_vertex or start == b"v "
-    return has_vertex
+    with unpacked(path) as plain, plain.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as content:
+        if re.search(_LINES[b"f"], content[-_END:]):  # nearly all files with faces end with some
+            return False
+        return _has_line(content, b"v") and not _has_line(content, b"f")
+
+
+def _has_line(content: mmap, letter: bytes) -> bool:
+    """Whether a line begins with this letter alone."""
+    return content[:4].lstrip()[:2].replace(b"\t", b" ") == letter + b" " or bool(re.search(_LINES[letter], content))
 
 
 def is_pcd(start: bytes) -> bool:

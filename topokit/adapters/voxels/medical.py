@@ -17,7 +17,8 @@ from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.core.grid.grid import Spacing
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import existing_file, head
+from topokit.inputs.beside import require_beside
+from topokit.inputs.files import head
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
 Volume = tuple[NDArray[Any], Spacing | None]
@@ -39,6 +40,9 @@ def read_nifti(path: Path) -> Volume:
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
     with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError):
         is_pair = data[344:347] == _PAIR or path.suffix.lower() == ".img"
+        if is_pair:
+            for one in nibabel.Nifti1Pair.filespec_to_file_map(path).values():
+                require_beside(path, Path(one.filename))
         image = nibabel.Nifti1Pair.from_filename(path) if is_pair else kind.from_bytes(data)
         check_nifti(path, image, _voxel_bytes(path, len(data)))
         array = np.asanyarray(image.dataobj)
@@ -153,7 +157,7 @@ def _check_metaimage(path: Path) -> None:
     if name.upper() != "LOCAL":
         if re.search(r'[/\\:*?"<>|%\s]', name) or name.upper() == "LIST" or name.startswith("."):
             raise ReadError(f"{path} keeps its voxels in {name!r}; the plain name of one file beside it was expected.")
-        data = existing_file(path.with_name(name))
+        data = require_beside(path, path.with_name(name))
     with reading(path, "the MetaImage reader"):
         n_voxels = math.prod(max(0, int(word)) for word in fields[b"DimSize"].split())
         n_channels = int(fields.get(b"ElementNumberOfChannels", b"1"))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 
 _HEADER, _TRIANGLE = 84, 50  # bytes
+_CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")  # letters that text does not have
 _UNKNOWN = (0, 0xFFFFFFFF)  # counts of programs that write triangles as they come, and never go back
 
 
@@ -22,13 +24,20 @@ def counted_stl(path: Path) -> Path | io.BytesIO:
     """The file, or its bytes with the right count: where the header leaves it open, or bytes follow the triangles.
 
     Raises:
-        ReadError: if the file holds fewer triangles than it announces, or more.
+        ReadError: if the file is text or truncated, or holds fewer triangles than it announces, or more.
     """
-    size = path.stat().st_size
-    announced = int.from_bytes(head(path, _HEADER)[-4:], "little")
+    size, start = path.stat().st_size, head(path, _HEADER)
+    if start.isascii() and not _CONTROLS.search(start):
+        raise ReadError(
+            f"{path} is text, and STL as text begins with 'solid': it is something else under that name, or its first "
+            "line is missing."
+        )
+    if size < _HEADER:
+        raise ReadError(f"{path} has {size} bytes, and the header of a binary .stl file has {_HEADER}: it is truncated.")
+    announced = int.from_bytes(start[-4:], "little")
     held, rest = divmod(size - _HEADER, _TRIANGLE)
-    if size < _HEADER + _TRIANGLE or (announced == held and not rest):
-        return path  # of a file that is too short trimesh says so
+    if announced == held and not rest:
+        return path
     if announced in _UNKNOWN and not rest:
         announced = held
     if announced != held:

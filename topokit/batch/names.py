@@ -1,0 +1,37 @@
+"""Short names of files that still tell them apart."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from topokit.batch.sources import Source
+
+
+def distinguishing_names(sources: Sequence[Source]) -> dict[str, str]:
+    """By the name of each source as few of the last parts of its path as no other source ends with."""
+    parts = {source.name: Path(source.name).parts for source in sources}
+    endings = Counter(path[start:] for path in parts.values() for start in range(len(path)))
+    return {name: _shortest(path, endings) or name for name, path in parts.items()}
+
+
+def _shortest(path: tuple[str, ...], endings: Counter[tuple[str, ...]]) -> str:
+    starts = reversed(range(len(path)))
+    return str(Path(*next((path[start:] for start in starts if endings[path[start:]] == 1), path)))
+
+
+def names_in_common_folder(sources: Sequence[Source]) -> dict[str, str]:
+    """By the name of each source its path below the folder that all of them have in common, with / between folders.
+
+    Such names say nothing about the machine. Standard input keeps its own; where there is no such folder, as on two
+    drives, they are those of `distinguishing_names`.
+    """
+    places = {source.name: Path(os.path.abspath(source.name)) for source in sources if source.name == str(source.path)}
+    try:
+        folder = os.path.commonpath([place.parent for place in places.values()]) if places else ""
+    except ValueError:
+        return distinguishing_names(sources)
+    names = {source.name: source.name for source in sources}
+    return names | {name: place.relative_to(folder).as_posix() for name, place in places.items()}

@@ -169,7 +169,8 @@ def test_when_the_host_looks_changes_no_digit(step: Step, target: float, toleran
 
 @pytest.mark.parametrize("step", ["polyak", "gradient"])
 def test_no_step_visits_the_host_unless_asked(step: Step) -> None:
-    start = SurfaceSamples(torus_samples(400).points)
+    known = torus_samples(400)
+    start = SurfaceSamples(known.points, known.normals)
     here = self_optimize(start, -1.0, step=step, max_steps=6)
     with as_on_accelerator():
         with count_host_visits() as visits:

@@ -67,7 +67,9 @@ def either(condition: Tensor, first: Trial, second: Trial) -> Trial:
         normals=chosen(first.samples.normals, second.samples.normals),
         areas=chosen(first.samples.areas, second.samples.areas),
     )
-    value, error = (torch.where(condition, *both) for both in ((first.value, second.value), (first.error, second.error)))
+    value, error = (
+        torch.where(condition, *both) for both in ((first.value, second.value), (first.error, second.error))
+    )
     return Trial(samples, value, error)
 
 

@@ -154,7 +154,7 @@ def _check_numbers(fields: list[Values]) -> None:
             first = tuple(np.argwhere(is_nan)[0].tolist())
             item = f" of batch item {number}" if len(fields) > 1 else ""
             raise InputError(
-                f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at index "
-                f"{first}. Look for weights that are NaN; where NaN means background, put -inf: "
+                f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at "
+                f"index {first}. Look for weights that are NaN; where NaN means background, put -inf: "
                 "field.masked_fill(field.isnan(), -math.inf)."
             )

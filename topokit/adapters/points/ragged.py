@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
+from topokit.core.residence import stays_on_device
 from topokit.core.samples import is_padding
 from topokit.errors import InputError
 
@@ -37,7 +38,7 @@ def padded(values: Tensor, name: str) -> tuple[Tensor, list[int]]:
 
 
 def checked_lengths(lengths: Tensor | Sequence[int], points: Tensor, least: int) -> Tensor:
-    """The lengths on the points' device; only those that come from the host are looked at.
+    """The lengths on the points' device, where they are not looked at; only those that come from the host are.
 
     Args:
         lengths: (...) number of points of each cloud.
@@ -54,7 +55,8 @@ def checked_lengths(lengths: Tensor | Sequence[int], points: Tensor, least: int)
             f"shape {tuple(given.shape)}."
         )
     most = points.shape[-2]
-    if given.device.type == "cpu" and not bool(((given >= least) & (given <= most)).all()):
+    is_on_host = not (isinstance(lengths, Tensor) and stays_on_device(given))
+    if is_on_host and not bool(((given >= least) & (given <= most)).all()):
         raise InputError(
             f"lengths must lie between {least}, one more than the neighbors of each point, and {most}, the rows of the "
             f"batch; got {given.tolist()}."

@@ -11,7 +11,7 @@ from topokit.core.local.curvature import Curvature, CurvatureSettings, NormalMet
 from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import given_or_default
-from topokit.core.local.self_optimization import LEARNING_RATE, Step, corrected, self_optimize
+from topokit.core.local.self_optimization import LEARNING_RATE, Step, as_goal, corrected, self_optimize
 from topokit.core.local.voronoi import AreaMethod
 from topokit.core.local.weingarten import Solver
 from topokit.errors import InputError
@@ -99,10 +99,12 @@ class DifferentiableShape(ShapeData):
         learning_rate: float = LEARNING_RATE,
         max_steps: int | None = None,
         tolerance: float = 1e-3,
+        look_every: int | None = None,
         solver: Solver = "sylvester",
         area_method: AreaMethod = "exact",
         area_resolution: int = 32,
         normal_method: NormalMethod = "quadric",
+        boundary: bool = True,
     ) -> Tensor:
         """χ⁽ᴷ⁾: the Gauss–Bonnet estimate after self-optimization of the samples (Algorithm 2).
 
@@ -118,10 +120,13 @@ class DifferentiableShape(ShapeData):
             learning_rate: of "gradient"; see `topokit.core.local.self_optimization.self_optimize`.
             max_steps: largest number of steps; 20 for "polyak" and 500 for "gradient" by default.
             tolerance: distance from the target at which to stop.
+            look_every: after how many steps to look at the device whether the target is met; None for each step on the
+                CPU, and none on accelerators. The result does not depend on it; see `self_optimize`.
             solver: as for `curvature`.
             area_method: as for `curvature`.
             area_resolution: as for `curvature`.
             normal_method: as for `curvature`.
+            boundary: as for `euler`. Without it, with a target and with oriented samples, nothing is done on the CPU.
 
         Returns:
             0-d tensor, or (...) for batched samples, differentiable in whatever the shape was made from.
@@ -131,24 +136,27 @@ class DifferentiableShape(ShapeData):
         """
         settings = self._settings(n_neighbors, solver, area_method, area_resolution, normal_method)
         local = self._curvature(settings)
-        boundary = self._boundary_euler(local.area)
-        goal = self._target(local.area) if target is None else torch.as_tensor(target).to(local.area)
+        estimate = euler_characteristic(local.gaussian, local.area)
+        turning = self._boundary_euler(local.area) if boundary else torch.zeros_like(estimate)
+        goal = self._target(local.area) if target is None else target
         if goal is None:
-            return euler_characteristic(local.gaussian, local.area) + boundary
-        oriented = outward_samples(self.samples, local.normals, self._examinations())
+            return estimate + turning
+        found = () if self.samples.oriented else self._examinations()
+        oriented = outward_samples(self.samples, local.normals, found)
         refinement = self_optimize(
             oriented,
-            goal.expand(boundary.shape) - boundary,
+            as_goal(goal, turning) - turning,
             settings=settings,
             over=over,
             step=step,
             learning_rate=learning_rate,
             max_steps=max_steps,
             tolerance=tolerance,
+            look_every=look_every,
             neighbors=local.neighbors,
         )
         refined = surface_curvature(corrected(oriented, refinement, local.area), settings, neighbors=local.neighbors)
-        return euler_characteristic(refined.gaussian, refined.area) + boundary
+        return euler_characteristic(refined.gaussian, refined.area) + turning
 
     def smoothed_euler(self, tau: float | None = None) -> Tensor:
         """χ_τ: the Euler characteristic of the shape's field averaged over levels near its own.

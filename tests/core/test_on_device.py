@@ -141,6 +141,57 @@ def test_clouds_of_different_size_are_each_what_they_are_alone(with_normals: boo
     assert (gradient[2, :210] != 0).any()
 
 
+@pytest.mark.filterwarnings("ignore:The PyTorch API of nested tensors is in prototype stage")
+@pytest.mark.parametrize("layout", [torch.jagged, torch.strided])
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_nested_tensors_are_clouds_of_different_size(layout: torch.layout, with_normals: bool) -> None:
+    points, normals, lengths = ragged()
+
+    def clouds_of(batch: Tensor) -> list[Tensor]:
+        return [cloud[:length].clone().requires_grad_() for cloud, length in zip(batch, lengths, strict=True)]
+
+    clouds, directions = clouds_of(points), clouds_of(normals)
+    nested, nested_normals = (torch.nested.as_nested_tensor(parts, layout=layout) for parts in (clouds, directions))
+    shape = tk.from_points(nested, nested_normals if with_normals else None)
+    padded = tk.from_points(points, normals if with_normals else None, lengths=lengths)
+    value = shape.euler(boundary=False)
+    assert torch.equal(value, padded.euler(boundary=False))
+    value.sum().backward()
+    for number, (cloud, direction) in enumerate(zip(clouds, directions, strict=True)):
+        leaf = points[number, : lengths[number]].clone().requires_grad_()
+        alone = tk.from_points(leaf, normals[number, : lengths[number]] if with_normals else None)
+        alone.euler(boundary=False).backward()
+        torch.testing.assert_close(cloud.grad, leaf.grad)
+        assert (direction.grad is not None) == with_normals
+
+
+def test_nested_tensors_in_half_precision_are_widened() -> None:
+    nested = torch.nested.as_nested_tensor([sphere_samples(n).points.half() for n in (90, 60)], layout=torch.jagged)
+    with as_on_accelerator():
+        shape = tk.from_points(nested)
+        with count_host_visits() as visits:
+            value = shape.euler(boundary=False)
+    assert len(visits) == 0, str(visits)
+    assert value.dtype == torch.float32
+
+
+def test_nested_tensors_that_do_not_fit_are_refused() -> None:
+    def nested(*sizes: int, width: int = 3) -> Tensor:
+        return torch.nested.as_nested_tensor([torch.rand(size, width) for size in sizes], layout=torch.jagged)
+
+    points = nested(30, 40)
+    for options, message in [
+        ({"points": nested(30, 40, width=2)}, r"clouds \(Nᵢ, 3\), got 2 items of shapes \[\(30, 2\), \(40, 2\)\]"),
+        ({"points": nested(30, 12)}, "lengths must lie between 21"),
+        ({"points": points, "lengths": [30, 40]}, "leave lengths out"),
+        ({"points": points, "normals": nested(40, 30)}, r"\[30, 40\], got \[40, 30\]"),
+        ({"points": points, "normals": torch.rand(2, 40, 3)}, "nest both, or neither"),
+        ({"points": torch.rand(2, 40, 3), "normals": points}, "nest both, or neither"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            tk.from_points(**options)
+
+
 def test_lengths_are_checked() -> None:
     points = torch.zeros(2, 30, 3)
     with pytest.raises(InputError, match=r"between 21, .* and 30"):

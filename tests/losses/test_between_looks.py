@@ -15,6 +15,7 @@ import topokit as tk
 from topokit.core.cloud.dipoles import DipoleSolver
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import regularize, winding_field
+from topokit.errors import InputError
 from topokit.losses import SearchOptions
 from topokit.losses.field_loss import FieldLoss
 from topokit.losses.known_values import KnownValues
@@ -70,6 +71,25 @@ def test_no_visit_between_looks(name: str, source: str) -> None:
     torch.testing.assert_close(value, first)
     assert weight.grad is not None
     assert weight.grad != 0
+
+
+@pytest.mark.parametrize("genus", [0, 1])
+@pytest.mark.parametrize("source", ["field", "network"])
+def test_nan_between_looks_gives_nan_and_the_next_look_refuses_it(source: str, genus: int) -> None:
+    loss = tk.TopologyLoss(genus=genus, search=SearchOptions(evaluate_every=2))
+    sound, broken = torch.ones(()), torch.tensor(torch.nan)
+    with as_on_accelerator():
+        expected = loss(SOURCES[source](sound), 1e-3)
+        assert (expected > 0) == (genus == 0)
+        made = SOURCES[source](broken)
+        with count_host_visits() as visits:
+            value = loss(made, 1e-3)
+        assert value.isnan()
+        for _ in range(2):
+            with pytest.raises(InputError, match="is NaN at"):
+                loss(SOURCES[source](broken), 1e-3)
+        assert loss(SOURCES[source](sound), 1e-3) == expected
+    assert len(visits) == 0, str(visits)
 
 
 def test_the_smoothed_characteristic_of_values_takes_no_look() -> None:

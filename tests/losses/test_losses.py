@@ -169,14 +169,18 @@ def test_huge_and_tiny_values(loss: Loss) -> None:
         assert slope.isfinite().all()
 
 
-def test_nan_gives_nan_in_the_euler_loss_and_is_background_in_the_topology_loss() -> None:
+def test_nan_gives_nan_in_the_euler_loss_and_is_refused_by_the_topology_loss() -> None:
     broken = TORUS.clone()
-    broken[1, 1, 1] = math.nan
+    broken[1, 2, 3] = math.nan
     for tau in (0.1, None):
         assert euler(broken, tau).isnan()
-    value, slope = value_and_slope(topology, broken, 0.1, change="add")
+        with pytest.raises(InputError, match=r"NaN at 1 of \d+ grid points, the first at index \(1, 2, 3\)"):
+            topology(broken, tau)
+    with pytest.raises(InputError, match=r"of batch item 1 is NaN .* put -inf"):
+        topology(torch.stack((TORUS, broken)), 0.1)
+    value, slope = value_and_slope(topology, broken.masked_fill(broken.isnan(), -math.inf), 0.1, change="add")
     assert value == value_and_slope(topology, TORUS, 0.1, change="add")[0]
-    assert slope[1, 1, 1] == 0
+    assert slope[1, 2, 3] == 0
 
 
 # forms of input

@@ -117,10 +117,13 @@ def margin_loss(field: Field, decisive: DecisiveVoxels | None, margin: float) ->
     """Mean Huber loss of the decisive voxels' shortfalls, in margins; 0-d.
 
     Differentiable in the field's values at these voxels. It is zero without any, but has a graph to the field all the
-    same, so that `backward` works.
+    same, so that `backward` works. It is NaN if a value that is known without another evaluation is.
     """
     if decisive is None or len(decisive.voxels) == 0:
-        return at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64, device=field.device)))[:0].sum()
-    values = at_least_single(field.values_at(decisive.voxels))
-    shortfalls = torch.relu(1 - decisive.sides.to(values) * values / margin)
-    return smooth_l1_loss(shortfalls, torch.zeros_like(shortfalls), reduction="mean")
+        first = at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64, device=field.device)))
+        loss = torch.where(first.isnan(), first, 0).sum()
+    else:
+        values = at_least_single(field.values_at(decisive.voxels))
+        shortfalls = torch.relu(1 - decisive.sides.to(values) * values / margin)
+        loss = smooth_l1_loss(shortfalls, torch.zeros_like(shortfalls), reduction="mean")
+    return loss if field.is_costly else loss.masked_fill(field.detached().isnan().any(), torch.nan)

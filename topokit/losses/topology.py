@@ -94,10 +94,12 @@ class TopologyLoss(FieldLoss):
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Zero once the topology is right by
             that margin, and where no solid of the wanted topology is in reach; then there is a warning, too.
-            Differentiable at fixed decisive voxels; finite for infinite and constant fields; NaN counts as background.
+            Differentiable at fixed decisive voxels; finite for infinite and constant fields. Between looks (see
+            `SearchOptions.evaluate_every`) NaN gives NaN.
 
         Raises:
-            InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
+            InputError: for another kind of source, a tau that is not positive, no tau where the field has one sign, or
+                a field that is found to be NaN somewhere; in volumes, NaN is background.
         """
         check_tau(tau)
         fields = self.source(source)

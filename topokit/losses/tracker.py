@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import torch
 from torch import nn
 
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, default_tau
 from topokit.core.grid.grid import Grid
-from topokit.core.homotopy.nearest_solid import Change
+from topokit.core.homotopy.nearest_solid import Change, Values
 from topokit.errors import InputError
 from topokit.losses.checks import check_count
 from topokit.losses.component_guard import ComponentGuard
@@ -89,21 +90,23 @@ class SolidTracker(nn.Module):
         if grids != self._grids:
             self._start(grids)
         is_due = self._n_calls % self.options.evaluate_every == 0 or (tau is None and not self._default_taus)
-        self._n_calls += 1
         if is_due:
             self._look(fields, tau)
         elif not self._decisive:
             self._keep_decisive(fields)
+        self._n_calls += 1  # a look that failed is still due
         margins = self._default_taus if tau is None else [tau] * len(fields)
         return list(zip(self._decisive, margins, strict=True))
 
     def _look(self, fields: list[Field], tau: float | None) -> None:
         """Show the fields to their guards."""
         values = [known.update(field, tau) for known, field in zip(self._values, fields, strict=True)]
+        on_host = [at_least_single(one).cpu().numpy() for one in values]
+        _check_numbers(on_host)
         self._default_taus = [default_tau(one) for one in values] if tau is None else []
         margins = self._default_taus if tau is None else [tau] * len(fields)
-        for guard, one, margin in zip(self._guards, values, margins, strict=True):
-            guard.update(at_least_single(one).cpu().numpy(), margin)
+        for guard, one, margin in zip(self._guards, on_host, margins, strict=True):
+            guard.update(one, margin)
         self._keep_decisive(fields)
 
     def _keep_decisive(self, fields: list[Field]) -> None:
@@ -141,3 +144,17 @@ class SolidTracker(nn.Module):
         for known, its in zip(self._values, state["values"], strict=True):
             known.set_state(its)
         self._default_taus, self._n_calls = state["default_taus"], state["n_calls"]
+
+
+def _check_numbers(fields: list[Values]) -> None:
+    """Raise InputError if a field holds NaN: as background it would have the loss 0, however broken the network is."""
+    for number, values in enumerate(fields):
+        is_nan = np.isnan(values)
+        if is_nan.any():
+            first = tuple(np.argwhere(is_nan)[0].tolist())
+            item = f" of batch item {number}" if len(fields) > 1 else ""
+            raise InputError(
+                f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at "
+                f"index {first}. Look for weights that are NaN; where NaN means background, put -inf: "
+                "field.masked_fill(field.isnan(), -math.inf)."
+            )

@@ -13,10 +13,17 @@ import topokit as tk
 from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.local.descent import Variable, integrity_well
 from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.local.self_optimization import Outcome, Refinement, corrected, self_optimize
+from topokit.core.local.self_optimization import Outcome, Refinement, Step, corrected, self_optimize
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, torus_samples
+from topokit.testing import (
+    AnalyticSamples,
+    as_on_accelerator,
+    count_host_visits,
+    ellipsoid_samples,
+    sphere_samples,
+    torus_samples,
+)
 
 TORUS = torus_samples(3000)
 PLAIN = SurfaceSamples(TORUS.points)
@@ -139,6 +146,66 @@ def test_a_target_out_of_reach_is_reported() -> None:
 def test_unknown_options_are_named(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         self_optimize(PLAIN, **options)
+
+
+@pytest.mark.parametrize(
+    ("step", "target", "tolerance", "reached"),
+    [("polyak", 0.0, 1e-3, True), ("polyak", -500.0, 1e-3, False), ("gradient", 0.0, 0.33, True)],
+)
+def test_when_the_host_looks_changes_no_digit(step: Step, target: float, tolerance: float, reached: bool) -> None:
+    start = SurfaceSamples(torus_samples(300).points)
+
+    def refined(look_every: int) -> Refinement:
+        return self_optimize(start, target, step=step, tolerance=tolerance, max_steps=6, look_every=look_every)
+
+    one = refined(1)
+    assert one.converged == reached
+    assert (one.steps < 6) == reached
+    for other in (refined(5), refined(100)):
+        assert (other.steps, other.error, other.mean_turn) == (one.steps, one.error, one.mean_turn)
+        assert torch.equal(other.history, one.history)
+        assert torch.equal(other.corrections["normals"], one.corrections["normals"])
+
+
+@pytest.mark.parametrize("step", ["polyak", "gradient"])
+def test_no_step_visits_the_host_unless_asked(step: Step) -> None:
+    known = torus_samples(400)
+    start = SurfaceSamples(known.points, known.normals)
+    here = self_optimize(start, -1.0, step=step, max_steps=6)
+    with as_on_accelerator():
+        with count_host_visits() as visits:
+            there = self_optimize(start, -1.0, step=step, max_steps=6)
+        assert len(visits) == 0, str(visits)
+        with count_host_visits() as visits:
+            self_optimize(start, -500.0, step=step, max_steps=6, look_every=2)
+        assert len(visits) == 3, str(visits)
+    assert there.steps == here.steps
+    torch.testing.assert_close(there.history, here.history)
+    torch.testing.assert_close(there.corrections, here.corrections, rtol=1e-6, atol=1e-6)
+
+
+def test_refined_euler_of_oriented_samples_stays_on_the_device_without_boundary() -> None:
+    known = torus_samples(300)
+    with as_on_accelerator():
+        shape = tk.from_points(torch.stack((known.points,) * 2).requires_grad_(), torch.stack((known.normals,) * 2))
+        with count_host_visits() as visits:
+            value = shape.refined_euler(0.0, max_steps=3, boundary=False)
+            value.sum().backward()
+        assert len(visits) == 0, str(visits)
+        counts = []
+        for max_steps in (1, 4):  # the boundary and outward signs are found once, however many steps follow
+            cloud = tk.from_points(known.points)
+            with count_host_visits() as visits:
+                cloud.refined_euler(-3.0, max_steps=max_steps)
+            counts.append(len(visits))
+    assert value.detach().abs().max() < 1e-3
+    assert counts[0] == counts[1] > 0
+
+
+@pytest.mark.parametrize("look_every", [0, -1, 2.5])
+def test_looks_are_counted_in_steps(look_every: Any) -> None:
+    with pytest.raises(InputError, match="look_every must be an integer of at least 1"):
+        self_optimize(PLAIN, 0.0, look_every=look_every)
 
 
 def test_refined_euler_meets_the_target_with_the_gradient_of_the_plain_sum() -> None:

@@ -146,7 +146,7 @@ class FunctionField(Field):
 
     def updated(self, known: Tensor, width: float) -> Tensor:
         """See `Field.updated`; vertices farther from the level than `width` are not evaluated."""
-        near = (known.abs() <= width).nonzero()
+        near = (~(known.abs() > width)).nonzero()  # NaN, too
         with torch.no_grad():
             return known.index_put(tuple(near.unbind(1)), self.values_at(near).to(known))
 

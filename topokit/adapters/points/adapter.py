@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
+from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
-from topokit.core.samples import SurfaceSamples, is_padding, largest_coordinate
+from topokit.core.samples import SurfaceSamples, largest_coordinate
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
@@ -35,15 +36,15 @@ def from_points(
     """A point cloud as a shape.
 
     Args:
-        points: (..., N, 3) tensor or array; a path (.xyz .txt .csv .pwn .npy .npz .ply .pcd .las .laz .e57 .obj); a
-            data frame with columns x, y, z and perhaps nx, ny, nz; or a point cloud of open3d, trimesh, PyTorch3D,
-            PyVista or vedo, with its normals if it has any; or a mesh of these, for its vertices alone. Tensors and
-            objects with `__dlpack__` keep device, memory and floating type (half precision is widened to float32), and
-            tensors their gradient; other arrays become float64.
+        points: (..., N, 3) tensor or array; a nested tensor of clouds (Nᵢ, 3); a path (.xyz .txt .csv .pwn .npy .npz
+            .ply .pcd .las .laz .e57 .obj); a data frame with columns x, y, z and perhaps nx, ny, nz; or a point cloud
+            of open3d, trimesh, PyTorch3D, PyVista or vedo, with its normals if it has any; or a mesh of these, for its
+            vertices alone. Tensors and objects with `__dlpack__` keep device, memory and floating type (half precision
+            is widened to float32), and tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
         lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
-            are padding, whose values do not matter.
+            are padding, whose values do not matter. Nested tensors bring their own.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         regularize: whether to take noise out of points and normals by `Shape.regularized`; without normals this finds
             their signs first, which takes as long as a report.
@@ -73,15 +74,17 @@ def from_points(
     elif is_frame(points) or not (is_array(points) or isinstance(points, list | tuple)):
         points, stored = _of_object(points)
         normals = stored if normals is None else normals
+    if is_nested(points) or is_nested(normals):
+        points, normals, lengths = _unnested(points, normals, lengths)
     positions = _tensor(points, "points")
     directions = None if normals is None else _tensor(normals, "normals").to(positions)
     if directions is not None and directions.shape != positions.shape:
         raise InputError(
             f"normals must have the shape of the points, {tuple(positions.shape)}, got {tuple(directions.shape)}."
         )
-    sizes = None if lengths is None else _lengths(lengths, positions, n_neighbors)
+    sizes = None if lengths is None else checked_lengths(lengths, positions, given_or_default(n_neighbors) + 1)
     if sizes is not None:
-        positions, directions = _without_padding(positions, directions, sizes)
+        positions, directions = without_padding(positions, directions, sizes)
     if positions.ndim == 2 and not stays_on_device(positions):
         positions, directions = _valid_rows(positions, directions, notes)
     samples = SurfaceSamples(positions, directions, lengths=sizes)
@@ -96,27 +99,19 @@ def _tensor(values: object, name: str) -> Tensor:
     return tensor
 
 
-def _lengths(lengths: Tensor | Sequence[int], points: Tensor, n_neighbors: int | None) -> Tensor:
-    """The lengths on the points' device; only those that come from the host are looked at."""
-    given = torch.as_tensor(lengths)
-    if given.is_floating_point() or given.shape != points.shape[:-2]:
-        raise InputError(
-            f"lengths must be integers, one for each cloud, of shape {tuple(points.shape[:-2])}; got {given.dtype} of "
-            f"shape {tuple(given.shape)}."
-        )
-    least, most = given_or_default(n_neighbors) + 1, points.shape[-2]
-    if given.device.type == "cpu" and not bool(((given >= least) & (given <= most)).all()):
-        raise InputError(
-            f"lengths must lie between {least}, one more than the neighbors of each point, and {most}, the rows of the "
-            f"batch; got {given.tolist()}."
-        )
-    return given.to(points.device, torch.int64)
-
-
-def _without_padding(points: Tensor, normals: Tensor | None, lengths: Tensor) -> tuple[Tensor, Tensor | None]:
-    """Points and normals with zeros in their padding, which may have held NaN."""
-    padding = is_padding(lengths, points.shape[-2])[..., None]
-    return points.masked_fill(padding, 0), None if normals is None else normals.masked_fill(padding, 0)
+def _unnested(points: object, normals: object, lengths: object) -> tuple[Tensor, Tensor | None, list[int]]:
+    """Nested points, and normals if there are any, as padded batches; and the number of points of each cloud."""
+    if not is_nested(points) or not (normals is None or is_nested(normals)):
+        raise InputError("of points and normals one is a nested tensor and the other is not: nest both, or neither.")
+    if lengths is not None:
+        raise InputError("nested tensors bring the lengths of their clouds: leave lengths out.")
+    positions, sizes = padded(points, "points")
+    if normals is None:
+        return positions, None, sizes
+    directions, others = padded(normals, "normals")
+    if others != sizes:
+        raise InputError(f"normals must be as many as the points of each cloud, {sizes}, got {others}.")
+    return positions, directions, sizes
 
 
 def _of_object(source: object) -> tuple[Any, Any | None]:

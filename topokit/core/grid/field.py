@@ -159,6 +159,7 @@ def median_step_at_crossings(values: Tensor) -> float:
     found = found[found.isfinite()]
     if len(found) == 0:
         raise InputError(
-            "the field has the same sign at all points of its grid, so it has no typical change: pass tau."
+            "the field has the same sign at all points of its grid, so it has no typical change: pass tau, in "
+            "units of the field."
         )
     return float(found.median())

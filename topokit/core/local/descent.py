@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -40,6 +40,39 @@ def integrity_well(values: Tensor) -> Tensor:
     return (torch.sin(math.pi * values - math.pi / 2) + 1).square()
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Samples and how near they come to a goal.
+
+    Attributes:
+        samples: (..., N, 3).
+        value: their χ, (...).
+        error: largest |χ − χ*| over the batch, 0-d on the device of the samples, so that nobody has to wait for it.
+    """
+
+    samples: SurfaceSamples
+    value: Tensor
+    error: Tensor
+
+
+def either(condition: Tensor, first: Trial, second: Trial) -> Trial:
+    """The first trial where a 0-d condition is true, else the second; decided on the device, without a look at it."""
+
+    def chosen(one: Tensor | None, other: Tensor | None) -> Tensor | None:
+        return None if one is None or other is None else torch.where(condition, one, other)
+
+    samples = replace(
+        first.samples,
+        points=torch.where(condition, first.samples.points, second.samples.points),
+        normals=chosen(first.samples.normals, second.samples.normals),
+        areas=chosen(first.samples.areas, second.samples.areas),
+    )
+    value, error = (
+        torch.where(condition, *both) for both in ((first.value, second.value), (first.error, second.error))
+    )
+    return Trial(samples, value, error)
+
+
 class Descent:
     """χ as a function of changes to samples, and steps that bring it closer to a goal.
 
@@ -73,9 +106,9 @@ class Descent:
         local = surface_curvature(samples, self.settings, neighbors=self.neighbors)
         return euler_characteristic(local.gaussian, local.area)
 
-    def error(self, value: Tensor) -> float:
-        """Largest distance from the goal over the batch."""
-        return float((value - self.goal).abs().max())
+    def trial(self, samples: SurfaceSamples, value: Tensor) -> Trial:
+        """Samples with their known χ (...)."""
+        return Trial(samples, value, (value - self.goal).abs().max())
 
     def moved(self, samples: SurfaceSamples, changes: Changes) -> SurfaceSamples:
         points, normals, areas = samples.points, samples.normals, samples.areas
@@ -88,47 +121,51 @@ class Descent:
             areas = areas * changes["areas"].exp()
         return replace(samples, points=points, normals=normals, areas=areas)
 
-    def gradient_step(self, samples: SurfaceSamples, learning_rate: float) -> tuple[SurfaceSamples, Tensor]:
-        """One step of descent of |χ − χ*| + w_int(χ): the moved samples and their χ."""
-        value, gradients = self._gradients(samples)
+    def gradient_step(self, start: Trial, learning_rate: float) -> Trial:
+        """One step of descent of |χ − χ*| + w_int(χ)."""
+        value, gradients = self._gradients(start.samples)
         value.requires_grad_()
         with torch.enable_grad():
             loss = ((value - self.goal).abs() + integrity_well(value)).sum()
         (slope,) = torch.autograd.grad(loss, value)
-        moved = self.moved(samples, self._downhill(gradients, learning_rate * slope))
-        return moved, self._detached_euler(moved)
+        return self._tried(self.moved(start.samples, self._downhill(gradients, learning_rate * slope)))
 
-    def polyak_step(self, samples: SurfaceSamples, value: Tensor, tolerance: float) -> tuple[SurfaceSamples, Tensor]:
+    def polyak_step(self, start: Trial, tolerance: float, *, looks: bool) -> Trial:
         """One step by (χ − χ*) ∇χ/|∇χ|²; its length is corrected by secants where χ is not linear along it.
 
         Args:
-            samples: the start.
-            value: their χ.
+            start: where the step begins.
             tolerance: |χ − χ*| that ends the search.
+            looks: whether to look after each trial if it has ended, which saves the others; the result is the same.
 
         Returns:
-            The best samples tried, and their χ.
+            The best of the trials.
         """
+        samples, error = start.samples, start.value - self.goal
         _, gradients = self._gradients(samples)
         squares = [gradient.square().flatten(self.goal.ndim).sum(-1) for gradient in gradients.values()]
         size = torch.stack(squares).sum(0).clamp(min=torch.finfo(self.goal.dtype).tiny)
-        changes = self._downhill(gradients, (value - self.goal) / size)
-        length, last_length, last_error = torch.ones_like(size), torch.zeros_like(size), value - self.goal
-        trials: list[tuple[float, SurfaceSamples, Tensor]] = []
-        for _ in range(_TRIALS):
-            moved = self.moved(samples, {name: _like(length, change) * change for name, change in changes.items()})
-            value = self._detached_euler(moved)
-            trials.append((self.error(value), moved, value))
-            if trials[-1][0] < tolerance:
+        changes = self._downhill(gradients, error / size)
+        length, last_length, last_error = torch.ones_like(size), torch.zeros_like(size), error
+        best = found = self._tried(self.moved(samples, changes))
+        for _ in range(_TRIALS - 1):
+            goes_on = ~(found.error < tolerance)
+            if looks and not goes_on:
                 break
-            error = value - self.goal
+            error = found.value - self.goal
             rise = error - last_error
             is_steady = rise.abs() > torch.finfo(size.dtype).eps * (1 + error.abs())
             secant = length - error * (length - last_length) / torch.where(is_steady, rise, 1)
             last_length, last_error = length, error
             length = torch.where(is_steady, secant.clamp(0.1, 3.0), length)
-        _, moved, value = min(trials, key=lambda trial: trial[0])
-        return moved, value
+            scaled: Changes = {name: _like(length, change) * change for name, change in changes.items()}
+            tried = self._tried(self.moved(samples, scaled))
+            found = either(goes_on, tried, found)
+            best = either(found.error < best.error, found, best)
+        return best
+
+    def _tried(self, samples: SurfaceSamples) -> Trial:
+        return self.trial(samples, self._detached_euler(samples))
 
     @torch.no_grad()
     def _detached_euler(self, samples: SurfaceSamples) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from numbers import Integral
 from typing import Literal, get_args
 
 import torch
@@ -12,9 +13,10 @@ from torch import Tensor
 
 from topokit.core.linalg import normalize
 from topokit.core.local.curvature import DEFAULT_SETTINGS, CurvatureSettings, surface_curvature
-from topokit.core.local.descent import Changes, Descent, Variable
+from topokit.core.local.descent import Changes, Descent, Variable, either
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
+from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 
@@ -37,28 +39,52 @@ class Outcome(Enum):
 class Refinement:
     """Result of self-optimization.
 
+    Numbers are read from the device when they are asked for, not before.
+
     Attributes:
         samples: the adjusted samples (detached), with normals and, if they were a variable, areas.
         corrections: by variable, what was added to it: normals and points (..., N, 3); areas (..., N) as a factor.
-        history: χ before the first step and after each, (K + 1, ...).
         target: the wanted χ, (...).
-        error: largest |χ − χ*| of `samples`, over the batch.
-        outcome: why it stopped.
-        mean_turn: mean angle by which normals were turned, in radians.
+        tolerance: |χ − χ*| at which to stop.
+        values: χ before the first step and after each, (M + 1, ...); after the last of K ≤ M steps it stays as it is.
+        count: K, a 0-d tensor.
+        distance: largest |χ − χ*| of `samples`, over the batch, a 0-d tensor.
+        turn: mean angle by which normals were turned, in radians, a 0-d tensor.
     """
 
     samples: SurfaceSamples
     corrections: dict[Variable, Tensor]
-    history: Tensor
     target: Tensor
-    error: float
-    outcome: Outcome
-    mean_turn: float
+    tolerance: float
+    values: Tensor
+    count: Tensor
+    distance: Tensor
+    turn: Tensor
 
     @property
     def steps(self) -> int:
         """Number of steps K."""
-        return len(self.history) - 1
+        return int(self.count)
+
+    @property
+    def history(self) -> Tensor:
+        """χ before the first step and after each, (K + 1, ...)."""
+        return self.values[: self.steps + 1]
+
+    @property
+    def error(self) -> float:
+        """Largest |χ − χ*| of `samples`, over the batch."""
+        return float(self.distance)
+
+    @property
+    def mean_turn(self) -> float:
+        """Mean angle by which normals were turned, in radians."""
+        return float(self.turn)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Why it stopped."""
+        return Outcome.REACHED if self.error < self.tolerance else Outcome.OUT_OF_STEPS
 
     @property
     def converged(self) -> bool:
@@ -82,6 +108,7 @@ def self_optimize(
     learning_rate: float = LEARNING_RATE,
     max_steps: int | None = None,
     tolerance: float = 1e-3,
+    look_every: int | None = None,
     neighbors: Tensor | None = None,
 ) -> Refinement:
     """Adjust samples until (1/2π) Σ K·A equals the target (Algorithm 2, steps 8 and 9).
@@ -98,13 +125,16 @@ def self_optimize(
             target, at about rate · |∇χ|². Areas alone need up to N times the rate, because their |∇χ|² falls as 1/N.
         max_steps: largest number of steps; by default 20 for "polyak", 500 (as in the paper) for "gradient".
         tolerance: |χ − χ*| at which to stop.
+        look_every: after how many steps the host looks whether the target is met, and ends the optimization. The result
+            does not depend on it: once the target is met, further steps change nothing. None looks after each step on
+            the CPU, and never on accelerators, where all `max_steps` are computed without a visit to the host.
         neighbors: (..., N, k) indices if they are known; they stay fixed throughout.
 
     Returns:
         `Refinement`, outside the autograd graph: the corrections are constants for whoever differentiates the result.
 
     Raises:
-        InputError: for an unknown variable or step.
+        InputError: for an unknown variable or step, or if look_every is not an integer of at least 1.
 
     Note:
         Only one number is corrected, so a better sum does not imply better normals; docs/self-optimization.md has
@@ -114,29 +144,39 @@ def self_optimize(
         raise InputError(f"over must name some of 'normals', 'points', 'areas'; got {list(over)!r}.")
     if step not in MAX_STEPS:
         raise InputError(f"step {step!r} is unknown; use 'polyak' or 'gradient'.")
+    if look_every is not None and (not isinstance(look_every, Integral) or look_every < 1):
+        raise InputError(f"look_every must be an integer of at least 1, or None, not {look_every!r}.")
     if neighbors is None:
         neighbors = nearest_neighbors(samples.points, settings.n_neighbors)
     neighbors = neighbors.clone() if neighbors.is_inference() else neighbors
     start, value = _start(samples, neighbors, settings, over)
-    goal = (
-        2 * (value / 2).round()
-        if target is None
-        else torch.as_tensor(target).detach().to(value).clone().expand_as(value)
-    )
+    goal = 2 * (value / 2).round() if target is None else as_goal(target, value)
     descent = Descent(neighbors, settings, tuple(over), goal, start.points)
-    current, history = start, [value]
-    best = (descent.error(value), start)
-    while best[0] >= tolerance and len(history) <= (MAX_STEPS[step] if max_steps is None else max_steps):
+    best = current = descent.trial(start, value)
+    values, count = [value], torch.zeros((), dtype=torch.int64, device=value.device)
+    every = 1 if look_every is None and not stays_on_device(value) else look_every
+    for number in range(MAX_STEPS[step] if max_steps is None else max_steps):
+        goes_on = best.error >= tolerance
+        if every is not None and number % every == 0 and not goes_on:
+            break
         if step == "polyak":
-            current, value = descent.polyak_step(current, value, tolerance)
+            moved = descent.polyak_step(current, tolerance, looks=every == 1)
         else:
-            current, value = descent.gradient_step(current, learning_rate)
-        history.append(value)
-        best = min(best, (descent.error(value), current), key=lambda pair: pair[0])
-    error, found = best
-    outcome = Outcome.REACHED if error < tolerance else Outcome.OUT_OF_STEPS
-    corrections = _corrections(start, found, over)
-    return Refinement(found, corrections, torch.stack(history), goal, error, outcome, _mean_turn(start, found))
+            moved = descent.gradient_step(current, learning_rate)
+        current = either(goes_on, moved, current)
+        best = either(current.error < best.error, current, best)
+        values.append(current.value)
+        count = count + goes_on
+    found = best.samples
+    turn, corrections = _mean_turn(start, found), _corrections(start, found, over)
+    return Refinement(found, corrections, goal, tolerance, torch.stack(values), count, best.error, turn)
+
+
+def as_goal(target: Tensor | float, like: Tensor) -> Tensor:
+    """A target as a tensor like another one, (...); a plain number is not copied to the device: that is a visit."""
+    if isinstance(target, int | float):
+        return torch.full_like(like, target)
+    return torch.as_tensor(target).detach().to(like).clone().expand_as(like)
 
 
 def corrected(samples: SurfaceSamples, refinement: Refinement, areas: Tensor) -> SurfaceSamples:
@@ -179,8 +219,8 @@ def _corrections(before: SurfaceSamples, after: SurfaceSamples, over: Sequence[V
     return found
 
 
-def _mean_turn(before: SurfaceSamples, after: SurfaceSamples) -> float:
+def _mean_turn(before: SurfaceSamples, after: SurfaceSamples) -> Tensor:
     if before.normals is None or after.normals is None:
-        return 0.0
+        return before.points.new_zeros(())
     chord = (after.normals - before.normals).norm(dim=-1)
-    return float((2 * torch.asin((chord / 2).clamp(max=1))).mean())
+    return (2 * torch.asin((chord / 2).clamp(max=1))).mean()

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 import topokit as tk
-from benchmarks.paper.persistence import alpha
+from benchmarks.paper.baselines import alpha_bars
 from benchmarks.paper.self_optimization import TARGET, curves
 from benchmarks.paper.shapes import Mesh, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing
@@ -66,7 +66,7 @@ def draw_convergence(axes: Any, options: Options) -> None:
 def draw_barcode(axes: Any, n: int) -> None:
     """The longest bars of dimension 1 of a genus-3 cloud's alpha complex, and what topokit says of it."""
     points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
-    bars = alpha(points)[1]
+    bars = alpha_bars(points)[1][1]
     bars = bars[np.argsort(bars[:, 1] - bars[:, 0])[::-1]][:20]
     axes.hlines(np.arange(len(bars)), bars[:, 0], bars[:, 1], color="#3060a0")
     axes.invert_yaxis()

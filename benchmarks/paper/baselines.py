@@ -177,6 +177,11 @@ def alpha_bars(points: Tensor) -> tuple[int, list[Floats]]:
     return tree.num_simplices(), bars
 
 
+def spacing(points: Tensor) -> float:
+    """The extent over √N."""
+    return float((points.amax(0) - points.amin(0)).max()) / math.sqrt(len(points))
+
+
 def plateaus(points: Tensor, bars: list[Floats]) -> list[tuple[int, float]]:
     """χ of the alpha complex and the length, in log α, of each interval on which it is constant.
 
@@ -189,7 +194,7 @@ def plateaus(points: Tensor, bars: list[Floats]) -> list[tuple[int, float]]:
     order = np.argsort(times)
     times, euler = times[order], steps[order].cumsum()
     ends = np.minimum(np.append(times[1:], np.inf), extent / 4)
-    starts = np.maximum(times, extent / math.sqrt(len(points)))
+    starts = np.maximum(times, spacing(points))
     is_there = ends > starts
     lengths = np.log(ends[is_there] / starts[is_there])
     return [(int(value), float(length)) for value, length in zip(euler[is_there], lengths, strict=True)]

@@ -39,8 +39,10 @@ class Score:
 
     def cells(self) -> list[str]:
         found = errors(self.values)
+        silent = sum(value is None for value, _ in self.values)
         return [
-            f"{sum(is_right(*pair) for pair in self.values)} / {len(self.values)}",
+            f"{sum(is_right(*pair) for pair in self.values)} / {len(self.values)}"
+            + (f", {silent} without an answer" if silent else ""),
             f"{near(self.values)} / {len(self.values)}",
             f"{median(found):.2f}" if found else "–",
             f"{median(self.seconds):.2f}" if self.seconds else "–",
@@ -72,11 +74,20 @@ def by_poisson(cloud: Cloud) -> Iterator[Answer]:
     mesh, seconds = timed(lambda: baselines.poisson_mesh(cloud.points, cloud.normals))
     yield "Poisson mesh, true normals: V − E + F", baselines.euler_of_mesh(mesh), seconds
     if installed("pymeshlab"):
-        areas = baselines.vertex_areas(mesh)
         for name in MESHLAB_FILTERS:
-            (gaussian, _), own = timed(lambda name=name: baselines.meshlab_curvature(mesh, name))
-            value = float((gaussian * areas).nansum()) / (2 * math.pi)
+            value, own = timed(lambda name=name: meshlab_euler(mesh, name))
             yield f"MeshLab {name} on that mesh", value, seconds + own
+
+
+def meshlab_euler(mesh: baselines.Triangles, name: str) -> Value:
+    """Σ K A/2π by one of MeshLab's filters; None for meshes that are not 2-manifolds, which it refuses."""
+    import pymeshlab
+
+    try:
+        gaussian, _ = baselines.meshlab_curvature(mesh, name)
+    except pymeshlab.PyMeshLabException:
+        return None
+    return float((gaussian * baselines.vertex_areas(mesh)).nansum()) / (2 * math.pi)
 
 
 def by_persistence(cloud: Cloud) -> Iterator[Answer]:

@@ -64,7 +64,7 @@ def normals_table(options: Options) -> Table:
         f"Median error of K / H in %, by kind of normals: {n} points, {seeds_text(options)}",
         ["surface", "noise", "normals", *(f"k = {k}" for k in K_VALUES), "automatic"],
     )
-    for surface in STUDY:
+    for surface in reversed(STUDY):
         for share in NOISE:
             found = draws(surface, n, share, options.seeds)
             shapes = [(known, shapes_with(known, points)) for known, points in found]

@@ -66,7 +66,7 @@ def row_tables(options: Options, rows: Sequence[shapes.Row]) -> list[Table]:
         f"Rows of Table II: χ from samples alone, median [range] over {seeds_text(options)}",
         ["row", "χ", "measured here", "setting", "paper", *METHODS],
     )
-    measured: list[list[tuple[shapes.Row, Answers]]] = [[] for _ in PAPER_SETTINGS]
+    measured: list[list[tuple[str, int, Answers]]] = [[] for _ in PAPER_SETTINGS]
     for row in rows:
         if row.make is None:
             printed = ", ".join(f"{ours(row.name, setting):.2f}" for setting in range(3))
@@ -74,13 +74,15 @@ def row_tables(options: Options, rows: Sequence[shapes.Row]) -> list[Table]:
             table.add(row.name, TABLE_2[row.name][0], f"D: {shapes.CLASSES['D']}", "all", printed, *nothing)
             continue
         mesh = row.make()
+        euler = tk.from_mesh(mesh).report().euler  # counted: a network's level set need not be its model's
+        assert euler is not None
         told = f"{row.kind}: {row.text or shapes.CLASSES[row.kind]}"
         for number, setting in enumerate(PAPER_SETTINGS[:1] if options.quick else PAPER_SETTINGS):
             found = answers(mesh, setting, options)
-            measured[number].append((row, found))
+            measured[number].append((row.name, euler, found))
             cells = [_range(found.values[name]) for name in METHODS[:-1]]
             printed = f"{ours(row.name, number):.2f}"
-            table.add(row.name, row.euler, told, SETTINGS[number], printed, *cells, _integers(found))
+            table.add(row.name, euler, told, SETTINGS[number], printed, *cells, _integers(found))
     return [table, _score(measured)]
 
 
@@ -98,20 +100,20 @@ def _integers(found: Answers) -> str:
     return ", ".join(f"{value} ×{n}" for value, n in counted) + (f"; {likely} likely" if counted else "–")
 
 
-def _score(measured: list[list[tuple[shapes.Row, Answers]]]) -> Table:
+def _score(measured: list[list[tuple[str, int, Answers]]]) -> Table:
     """Shares of draws that are right, and the paper's printed values of the same rows, which are one draw each."""
-    names = list(dict.fromkeys(row.name for found in measured for row, _ in found))
+    names = list(dict.fromkeys(name for found in measured for name, _, _ in found))
     table = Table(
         f"The measured rows scored, all draws: {', '.join(names)}",
         ["setting", "method", "right by 2·round(χ/2)", "within ½", "mean error", "median error"],
     )
     for number, found in enumerate(measured):
-        same = {row.name: row.euler for row, _ in found if TABLE_2[row.name][0] == row.euler}
+        same = {name: euler for name, euler, _ in found if TABLE_2[name][0] == euler}
         printed: list[tuple[Value, int]] = [(ours(name, number), euler) for name, euler in same.items()]
         if printed:
             table.add(SETTINGS[number], "the paper's numbers, rows of the same χ", *_share(printed))
         for method in METHODS:
-            pairs = [(value, row.euler) for row, one in found for value in one.values[method]]
+            pairs = [(value, euler) for _, euler, one in found for value in one.values[method]]
             if pairs:
                 table.add(SETTINGS[number], method, *_share(pairs))
     return table

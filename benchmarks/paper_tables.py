@@ -34,6 +34,7 @@ sys.path.insert(0, str(ROOT))  # so that the script runs from anywhere
 
 import torch  # noqa: E402
 
+from benchmarks.paper.printed import TABLE_2  # noqa: E402
 from benchmarks.paper.tables import Options, timed  # noqa: E402
 
 SUBCOMMANDS = {
@@ -75,7 +76,8 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, help="also write the tables to this file")
     parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "pictures", help="folder for figures")
     parser.add_argument("--every", type=int, default=1, help="topology: every n-th of the clean meshes of DATA")
-    parser.add_argument("--only-rows", action="store_true", help="topology: the paper's rows alone")
+    parser.add_argument("--part", default="all", help="a part of topology, study or time")
+    parser.add_argument("--rows", nargs="+", default=(), choices=TABLE_2, metavar="ROW", help="topology: these rows")
     return parser.parse_args(words)
 
 
@@ -88,11 +90,15 @@ def main(words: list[str] | None = None) -> int:
             return 2
     seeds = 1 if given.quick else given.seeds
     folders = (given.data, given.thingi10k, given.pictures)
-    options = Options(seeds, given.quick, *folders, given.every, given.only_rows)
+    options = Options(seeds, given.quick, *folders, given.every, given.part, tuple(given.rows))
     module = importlib.import_module(f"benchmarks.paper.{SUBCOMMANDS[given.subcommand]}")
+    parts = ("all", *getattr(module, "PARTS", ()))
+    if given.part not in parts:
+        print(f"{given.subcommand} has no part {given.part!r}, only {', '.join(parts)}.", file=sys.stderr)
+        return 2
     found, seconds = timed(lambda: module.tables(options))
     print("\n".join(table.markdown() for table in found))
-    print(f"`{given.subcommand}` took {seconds:.0f} s. {versions()}")
+    print(f"`{given.subcommand}` took {seconds:.0f} CPU s. {versions()}")
     if given.json is not None:
         content = {"versions": versions(), "seconds": seconds, "tables": [table.to_dict() for table in found]}
         given.json.write_text(json.dumps(content, indent=1))

@@ -23,6 +23,7 @@ MESHLAB = ("Principal Component Analysis", "Taubin approximation", "Normal Cycle
 """MeshLab's filters; the paper calls them PCA, Taubin, Normal and Quadric."""
 
 _PAIRS = 1 << 20  # neighbors held at once
+_HELD = 1.02  # ratio of the ends of an interval of α long enough to be read
 _CLOSEST = 1e-3  # cosine between the normals of a triangle and of its corners below which it is left out
 
 
@@ -166,31 +167,49 @@ def vertex_areas(mesh: Triangles) -> Tensor:
     return torch.from_numpy(np.bincount(faces.ravel(), np.repeat(area, 3), len(vertices)))
 
 
-def alpha_euler(points: Tensor) -> int:
-    """χ of the alpha complex on the longest plateau of log α, between the spacing and a quarter of the extent.
-
-    Balls of radius α around samples of a closed surface have its χ (that of the thickened surface) in between.
-    """
+def alpha_bars(points: Tensor) -> tuple[int, list[Floats]]:
+    """Number of simplices of the alpha complex, and its bars (n, 2) of dimension 0, 1 and 2 in units of length."""
     import gudhi
 
     tree = gudhi.AlphaComplex(points=points.numpy()).create_simplex_tree()
     tree.compute_persistence(homology_coeff_field=2, persistence_dim_max=True)
-    bars = tree.persistence_intervals_in_dimension
-    births, deaths, signs = [], [], []
-    for dimension in range(3):
-        found = bars(dimension)
-        births.append(found[:, 0])
-        deaths.append(found[:, 1])
-        signs.append(np.full(len(found), (-1) ** dimension))
-    times = np.concatenate((*births, *deaths))
-    steps = np.concatenate((*signs, *(-one for one in signs)))
+    bars = [np.sqrt(np.maximum(tree.persistence_intervals_in_dimension(one), 0)) for one in range(3)]
+    return tree.num_simplices(), bars
+
+
+def spacing(points: Tensor) -> float:
+    """The extent over √N."""
+    return float((points.amax(0) - points.amin(0)).max()) / math.sqrt(len(points))
+
+
+def plateaus(points: Tensor, bars: list[Floats]) -> list[tuple[int, float]]:
+    """χ of the alpha complex and the length, in log α, of each interval on which it is constant.
+
+    α goes from the spacing to a quarter of the extent. Balls of radius α around samples of a closed surface have its χ
+    (that of the thickened surface) in between.
+    """
+    times = np.concatenate([one[:, end] for end in (0, 1) for one in bars])
+    steps = np.concatenate([np.full(len(one), sign * (-1) ** d) for sign in (1, -1) for d, one in enumerate(bars)])
     extent = float((points.amax(0) - points.amin(0)).max())
     order = np.argsort(times)
-    times, euler = np.sqrt(np.maximum(times[order], 1e-300)), steps[order].cumsum()
+    times, euler = times[order], steps[order].cumsum()
     ends = np.minimum(np.append(times[1:], np.inf), extent / 4)
-    starts = np.maximum(times, extent / math.sqrt(len(points)))
-    merged: dict[int, float] = {}
-    for value, start, end in zip(euler, starts, ends, strict=True):
-        if end > start:
-            merged[int(value)] = merged.get(int(value), 0.0) + math.log(end / start)
-    return max(merged, key=lambda value: merged[value]) if merged else int(euler[-1])
+    starts = np.maximum(times, spacing(points))
+    is_there = ends > starts
+    lengths = np.log(ends[is_there] / starts[is_there])
+    return [(int(value), float(length)) for value, length in zip(euler[is_there], lengths, strict=True)]
+
+
+def longest_plateau(found: list[tuple[int, float]]) -> int | None:
+    """The even χ, as that of every closed surface is, which is held over the largest part of log α."""
+    total: dict[int, float] = {}
+    for value, length in found:
+        if value % 2 == 0:
+            total[value] = total.get(value, 0.0) + length
+    return max(total, key=lambda value: total[value]) if total else None
+
+
+def nearest_plateau(found: list[tuple[int, float]], euler: int) -> int | None:
+    """The value nearest to the true χ among those held while α grows by 2 %: what no rule can surpass."""
+    held = [value for value, length in found if length > math.log(_HELD)]
+    return min(held, key=lambda value: abs(value - euler)) if held else None

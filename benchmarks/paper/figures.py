@@ -1,4 +1,4 @@
-"""Pictures: curvature of Kitten and Genus6, a Voronoi cell, convergence of self-optimization, a barcode beside χ."""
+"""Pictures: curvature of Kitten and Genus6, a Voronoi cell, self-optimization, and a barcode beside χ."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 import topokit as tk
-from benchmarks.paper.persistence import alpha
+from benchmarks.paper.baselines import alpha_bars, plateaus, spacing
 from benchmarks.paper.self_optimization import TARGET, curves
 from benchmarks.paper.shapes import Mesh, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing
@@ -21,13 +22,8 @@ NAME = "paper-tables.png"
 
 
 def draw_curvature(axes: Any, name: str, mesh: Mesh, n: int) -> None:
-    """Samples colored by K, clipped at its 5th and 95th percentile."""
-    points = samples(mesh, n, 0)[0]
-    gaussian = tk.from_points(points).curvature().gaussian
-    bound = float(gaussian.abs().quantile(0.9))
-    x, y, z = points.T.numpy()
-    axes.scatter(x, z, y, c=gaussian.clamp(-bound, bound).numpy(), cmap="coolwarm", s=1.5, linewidths=0)
-    axes.set_box_aspect(np.ptp(points.numpy(), axis=0)[[0, 2, 1]])
+    """Samples without normals, colored by K."""
+    axes.imshow(tk.from_points(samples(mesh, n, 0)[0]).picture(500, eye=(0.9, -1.2, 0.6)))
     axes.set_axis_off()
     axes.set_title(name, fontsize=9)
 
@@ -63,15 +59,27 @@ def draw_convergence(axes: Any, options: Options) -> None:
     axes.set_title("self-optimization, genus 3", fontsize=9)
 
 
-def draw_barcode(axes: Any, n: int) -> None:
-    """The longest bars of dimension 1 of a genus-3 cloud's alpha complex, and what topokit says of it."""
-    points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
-    bars = alpha(points)[1]
+def draw_barcode(axes: Any, points: Tensor) -> None:
+    """The longest bars of dimension 1 of a cloud's alpha complex, and what topokit says of it."""
+    bars = alpha_bars(points)[1][1]
     bars = bars[np.argsort(bars[:, 1] - bars[:, 0])[::-1]][:20]
     axes.hlines(np.arange(len(bars)), bars[:, 0], bars[:, 1], color="#3060a0")
     axes.invert_yaxis()
+    axes.set_yticks([])
     axes.set_xlabel("α", fontsize=8)
-    axes.set_title(f"20 longest bars; χ⁽⁰⁾ = {float(tk.from_points(points).euler()):.2f}, χ = −4", fontsize=9)
+    axes.set_title(f"its 20 longest bars; χ⁽⁰⁾ = {float(tk.from_points(points).euler()):.2f}", fontsize=9)
+
+
+def draw_alpha_euler(axes: Any, points: Tensor, euler: int) -> None:
+    """χ of the same alpha complex against α, beside the true χ."""
+    found = plateaus(points, alpha_bars(points)[1])
+    values, lengths = np.array([value for value, _ in found]), np.array([length for _, length in found])
+    ends = spacing(points) * np.exp(lengths.cumsum())
+    axes.step(ends, values, where="pre", color="#3060a0")
+    axes.axhline(euler, color="gray", linewidth=0.5)
+    axes.set_ylim(euler - 8, euler + 12)
+    axes.set_xlabel("α", fontsize=8)
+    axes.set_title(f"χ of its alpha complex; the surface has {euler}".replace("-", "−"), fontsize=9)
 
 
 def draw(options: Options, path: Path) -> None:
@@ -88,11 +96,13 @@ def draw(options: Options, path: Path) -> None:
         meshes = {"Kitten": read(folder / "paper_Kitten.obj"), "Genus6surface": read(folder / "paper_Genus6.obj")}
     figure = pyplot.figure(figsize=(11, 6.5), dpi=110)
     for number, (name, mesh) in enumerate(meshes.items()):
-        draw_curvature(figure.add_subplot(2, 3, number + 1, projection="3d"), f"{name}, K without normals", mesh, n)
+        draw_curvature(figure.add_subplot(2, 3, number + 1), f"{name}, K without normals", mesh, n)
     draw_cell(figure.add_subplot(2, 3, 3))
     draw_convergence(figure.add_subplot(2, 3, 4), options)
     if installed("gudhi"):
-        draw_barcode(figure.add_subplot(2, 3, 5), n)
+        points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
+        draw_barcode(figure.add_subplot(2, 3, 5), points)
+        draw_alpha_euler(figure.add_subplot(2, 3, 6), points, int(TARGET))
     figure.tight_layout()
     figure.savefig(path)
 

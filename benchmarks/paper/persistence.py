@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 import topokit as tk
-from benchmarks.paper.baselines import alpha_euler
+from benchmarks.paper.baselines import alpha_bars, longest_plateau, plateaus
 from benchmarks.paper.shapes import Mesh, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing, timed
 from topokit.testing import genus_mesh
@@ -30,9 +30,9 @@ def clouds(options: Options) -> Iterator[tuple[str, int, Tensor]]:
 
 
 def longest(bars: np.ndarray) -> str:
-    """Lengths of the longest finite bars."""
-    lengths = np.sort((bars[:, 1] - bars[:, 0])[np.isfinite(bars[:, 1])])[::-1] if len(bars) else []
-    return ", ".join(f"{length:.3f}" for length in lengths[:SHOWN])
+    """Lengths of the longest bars; ∞ for those that are alive where the complex ends."""
+    lengths = np.sort(bars[:, 1] - bars[:, 0])[::-1]
+    return ", ".join(f"{length:.3f}" if np.isfinite(length) else "∞" for length in lengths[:SHOWN])
 
 
 def rips(points: Tensor, limit: float) -> tuple[int, np.ndarray]:
@@ -44,30 +44,22 @@ def rips(points: Tensor, limit: float) -> tuple[int, np.ndarray]:
     return tree.num_simplices(), tree.persistence_intervals_in_dimension(1)
 
 
-def alpha(points: Tensor) -> tuple[int, np.ndarray]:
-    """Number of simplices and bars of dimension 1 of the alpha complex, in units of length."""
-    import gudhi
-
-    tree = gudhi.AlphaComplex(points=points.numpy()).create_simplex_tree()
-    tree.compute_persistence()
-    return tree.num_simplices(), np.sqrt(np.maximum(tree.persistence_intervals_in_dimension(1), 0))
-
-
 def tables(options: Options) -> list[Table]:
     """One table for each cloud."""
     found = []
     for name, euler, points in clouds(options):
         table = Table(
             f"{name}, χ = {euler}: {len(points)} points",
-            ["method", "seconds", "simplices", f"the {SHOWN} longest bars of dimension 1", "χ"],
+            ["method", "CPU s", "simplices", f"the {SHOWN} longest bars of dimension 1", "χ"],
         )
         value, seconds = timed(lambda points=points: float(tk.from_points(points).euler()))
         table.add("topokit χ⁽⁰⁾", f"{seconds:.2f}", "–", "–", f"{value:.2f}")
         report, seconds = timed(lambda points=points: tk.from_points(points).report())
         table.add("topokit report()", f"{seconds:.2f}", "–", "–", f"{report.euler} ({report.verdict})")
         if installed("gudhi"):
-            (simplices, bars), seconds = timed(lambda points=points: alpha(points))
-            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(bars), alpha_euler(points))
+            (simplices, alpha), seconds = timed(lambda points=points: alpha_bars(points))
+            read = longest_plateau(plateaus(points, alpha))
+            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(alpha[1]), read)
             for limit in EDGES[:1] if options.quick else EDGES:
                 (simplices, bars), seconds = timed(lambda p=points, edge=limit: rips(p, edge))
                 table.add(f"gudhi, Rips, edges ≤ {limit}", f"{seconds:.2f}", simplices, longest(bars), "–")

@@ -11,14 +11,16 @@ from torch import Tensor
 import topokit as tk
 from benchmarks.paper.baselines import corrected_curvature, jet_curvature
 from benchmarks.paper.surfaces import STUDY, noisy
-from benchmarks.paper.tables import Options, Table, timed
+from benchmarks.paper.tables import Options, Table, seeds_text, spread, timed
 from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples
 
 NOISE = (0.0, 0.0025, 0.005, 0.01)
-K_VALUES = (20, 40, 80, 160, 320)
+K_VALUES = (20, 40, 80, 160)
+PEER_K = (20, 28, 40, 57, 80, 113, 160, 226, 320)  # √2 apart
+SIZES = (1_000, 3_000, 10_000, 30_000)
 Errors = tuple[float, float]
 
 
@@ -40,12 +42,13 @@ def draws(shape: str, n: int, share: float, seeds: int) -> list[tuple[AnalyticSa
     return [(one, noisy(one, share, seed)) for seed, one in enumerate(known)]
 
 
-def shape_with(known: AnalyticSamples, points: Tensor, kind: str) -> tk.Shape:
-    """The cloud with one kind of normals: given, of the witness, regularized, or none ("PCA" and "quadric")."""
-    if kind in ("witness", "regularized"):
-        oriented = tk.from_points(points).oriented()
-        return oriented.regularized() if kind == "regularized" else oriented
-    return tk.from_points(points, known.normals if kind == "given" else None)
+def shapes_with(known: AnalyticSamples, points: Tensor) -> dict[str, tk.Shape]:
+    """The cloud with each kind of normals; those of "PCA" and "quadric" are estimated later."""
+    plain = tk.from_points(points)
+    oriented = plain.oriented()
+    given = tk.from_points(points, known.normals)
+    kinds = {"PCA": plain, "quadric": plain, "given": given, "witness": oriented}
+    return kinds | {"regularized": oriented.regularized()}
 
 
 def measured(known: AnalyticSamples, shape: tk.Shape, kind: str, k: int | None) -> Errors:
@@ -54,41 +57,43 @@ def measured(known: AnalyticSamples, shape: tk.Shape, kind: str, k: int | None) 
     return errors(known, local.gaussian, local.mean, local.normals)
 
 
-def normals_table(options: Options, surfaces: tuple[str, ...], kinds: tuple[str, ...], seeds: int) -> Table:
+def normals_table(options: Options) -> Table:
     """Errors of K and H for kinds of normals, noise and k."""
     n = 2_000 if options.quick else 10_000
     table = Table(
-        f"Median error of K / H in %, by kind of normals: {n} points, seeds: {seeds}",
+        f"Median error of K / H in %, by kind of normals: {n} points, {seeds_text(options)}",
         ["surface", "noise", "normals", *(f"k = {k}" for k in K_VALUES), "automatic"],
     )
-    for surface in surfaces:
+    for surface in reversed(STUDY):
         for share in NOISE:
-            found = draws(surface, n, share, seeds)
-            for kind in kinds:
-                shapes = [(known, shape_with(known, points, kind)) for known, points in found]
-                sizes = (*K_VALUES, None)
-                cells = [percent([measured(*one, kind, k) for one in shapes]) for k in sizes]
+            found = draws(surface, n, share, options.seeds)
+            shapes = [(known, shapes_with(known, points)) for known, points in found]
+            for kind in shapes[0][1]:
+                pairs = [(known, one[kind]) for known, one in shapes]
+                cells = [percent([measured(*pair, kind, k) for pair in pairs]) for k in (*K_VALUES, None)]
                 table.add(surface, f"{100 * share:g} %", kind, *cells)
     return table
 
 
 def density_table(options: Options) -> Table:
-    """Errors of the automatic choice against those of k = 20, by density."""
-    sizes = (1_000, 3_000) if options.quick else (1_000, 3_000, 10_000, 30_000)
-    seeds = 1 if options.quick else min(options.seeds, 2)
+    """Errors of the automatic choice against those of PCA normals with k = 20, by density."""
     table = Table(
-        f"Median error of K / H in % by density, automatic against PCA with k = 20, seeds: {seeds}",
-        ["surface", "noise", "points", "automatic k", "automatic", "PCA, k = 20"],
+        f"Median error of K / H in % by density, no normals, {seeds_text(options)}",
+        ["surface", "noise", "points", "automatic k", "automatic", "worst draw", "PCA, k = 20"],
     )
     for shape in STUDY:
         for share in NOISE:
-            for n in sizes:
-                found = draws(shape, n, share, seeds)
-                k = tk.from_points(found[0][1]).curvature().neighbors.shape[-1]
-                shapes = [(known, tk.from_points(points)) for known, points in found]
-                default = percent([measured(*one, "quadric", None) for one in shapes])
-                plain = percent([measured(*one, "PCA", 20) for one in shapes])
-                table.add(shape, f"{100 * share:g} %", n, k, default, plain)
+            for n in SIZES[:2] if options.quick else SIZES:
+                found = draws(shape, n, share, options.seeds)
+                locals_ = [tk.from_points(points).curvature() for _, points in found]
+                known = [one for one, _ in found]
+                pairs = zip(known, locals_, strict=True)
+                default = [errors(one, local.gaussian, local.mean, local.normals) for one, local in pairs]
+                sizes = sorted({local.neighbors.shape[-1] for local in locals_})
+                plain = [measured(one, tk.from_points(points), "PCA", 20) for one, points in found]
+                worst = " / ".join(f"{100 * max(column):.1f}" for column in zip(*default, strict=True))
+                k = " to ".join(str(size) for size in dict.fromkeys((sizes[0], sizes[-1])))
+                table.add(shape, f"{100 * share:g} %", n, k, percent(default), worst, percent(plain))
     return table
 
 
@@ -120,41 +125,47 @@ PEERS: dict[str, Peer] = {
 
 
 def peers_table(options: Options) -> Table:
-    """The default against its peers, each with the k that is best for it on that very cloud."""
+    """The default against its peers, each with the k that is best for it on the first draw of that very cloud."""
     n = 2_000 if options.quick else 10_000
-    seeds = 1 if options.quick else min(options.seeds, 2)
     table = Table(
-        f"Median error of K in % and seconds: {n} points without normals, seeds: {seeds}",
+        f"Median error of K in %: {n} points without normals, {seeds_text(options)}",
         ["surface", "noise", "topokit, automatic k", *(f"{name}, best k" for name in PEERS)],
     )
     for shape in STUDY:
         for share in NOISE:
-            found = draws(shape, n, share, seeds)
-            shapes = [(known, tk.from_points(points)) for known, points in found]
-            default, seconds = timed(lambda shapes=shapes: [measured(*one, "quadric", None) for one in shapes])
-            k = tk.from_points(found[0][1]).curvature().neighbors.shape[-1]
-            cells = [f"{100 * mean(e[0] for e in default):.1f} (k = {k}, {seconds / seeds:.1f} s)"]
-            for peer in PEERS.values():
-                cells.append(_best(peer, found))
+            found = draws(shape, n, share, options.seeds)
+            default, seconds = timed(lambda found=found: [_default(*one) for one in found])
+            k = sorted(size for _, size in default)[len(default) // 2]
+            cells = [_cell([error for error, _ in default], k, seconds)]
+            cells += [_best(peer, found) for peer in PEERS.values()]
             table.add(shape, f"{100 * share:g} %", *cells)
     return table
 
 
+def _default(known: AnalyticSamples, points: Tensor) -> tuple[float, int]:
+    """The error of K with defaults, and the number of neighbors that was chosen."""
+    local = tk.from_points(points).curvature()
+    return errors(known, local.gaussian, local.mean, local.normals)[0], local.neighbors.shape[-1]
+
+
 def _best(peer: Peer, found: list[tuple[AnalyticSamples, Tensor]]) -> str:
-    """The least error of K over all k, that k, and the seconds it took."""
-    tried = []
-    neighbors = [nearest_neighbors(points, max(K_VALUES)) for _, points in found]
-    for k in K_VALUES:
-        runs = zip(found, neighbors, strict=True)
-        own, seconds = timed(lambda runs=runs, k=k: [peer(*one, index[:, :k].contiguous()) for one, index in runs])
-        tried.append((mean(e[0] for e in own), k, seconds / len(found)))
-    error, k, seconds = min(tried)
-    return f"{100 * error:.1f} (k = {k}, {seconds:.1f} s)"
+    """Errors of K on all draws with the k that has the least error on the first."""
+    known, points = found[0]
+    neighbors = nearest_neighbors(points, max(PEER_K))
+    tried = [(peer(known, points, neighbors[:, :k].contiguous())[0], k) for k in PEER_K]
+    best = min(tried)[1]
+    run = lambda: [peer(*one, nearest_neighbors(one[1], best))[0] for one in found]  # noqa: E731
+    own, seconds = timed(run)
+    return _cell(own, best, seconds)
+
+
+def _cell(found: list[float], k: int, seconds: float) -> str:
+    return f"{spread([100 * one for one in found], 1)} (k = {k}, {seconds / len(found):.1f} s)"
+
+
+PARTS = {"peers": peers_table, "normals": normals_table, "density": density_table}
 
 
 def tables(options: Options) -> list[Table]:
-    """By kind of normals, by density, and against peers."""
-    seeds = min(options.seeds, 3)
-    first = normals_table(options, tuple(STUDY), ("PCA", "quadric", "given"), seeds)
-    second = normals_table(options, ("torus",), ("witness", "regularized"), 1)
-    return [peers_table(options), first, second, density_table(options)]
+    """Against peers, by kind of normals, and by density."""
+    return [make(options) for name, make in PARTS.items() if options.part in ("all", name)]

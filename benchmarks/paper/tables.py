@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import mean, stdev
-from time import perf_counter
+from time import process_time
 from typing import Any, TypeVar
 
 Result = TypeVar("Result")
@@ -25,7 +25,9 @@ class Options:
         thingi10k: folder with meshes of Thingi10K named by their number, or None.
         pictures: folder that figures are written to.
         every: takes every n-th of the clean meshes of the data.
-        only_rows: whether Table II is made without the table of all clean meshes.
+        part: of `topology` "rows", "clean" or "noisy" for the meshes of the data; of `study` "peers", "normals" or
+            "density"; of `time` "one-thread" or "many-neighbors"; or "all".
+        rows: names of rows of Table II; empty means all.
     """
 
     seeds: int
@@ -34,7 +36,8 @@ class Options:
     thingi10k: Path | None
     pictures: Path
     every: int = 1
-    only_rows: bool = False
+    part: str = "all"
+    rows: tuple[str, ...] = ()
 
 
 @dataclass
@@ -72,10 +75,10 @@ def missing(package: str, what: str) -> str:
 
 
 def timed(work: Callable[[], Result]) -> tuple[Result, float]:
-    """A result and the seconds it took."""
-    started = perf_counter()
+    """A result and the processor seconds it took, of all threads: what else the machine does hardly counts."""
+    started = process_time()
     result = work()
-    return result, perf_counter() - started
+    return result, process_time() - started
 
 
 def spread(values: Sequence[float], digits: int = 2) -> str:
@@ -83,3 +86,8 @@ def spread(values: Sequence[float], digits: int = 2) -> str:
     if len(values) == 1:
         return f"{values[0]:.{digits}f}"
     return f"{mean(values):.{digits}f} ± {stdev(values):.{digits}f}"
+
+
+def seeds_text(options: Options) -> str:
+    """The number of draws as words."""
+    return f"{options.seeds} seed" + "s" * (options.seeds > 1)

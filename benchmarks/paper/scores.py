@@ -1,0 +1,51 @@
+"""Settings of Table II, the paper's estimate of χ, and how its values are scored."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from topokit.core.local.curvature import CurvatureSettings, surface_curvature
+from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.samples import SurfaceSamples
+
+Value = float | int | None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Number of points, and noise in units of half the longest side."""
+
+    n_points: int
+    noise: float = 0.0
+
+    @property
+    def text(self) -> str:
+        points = f"{self.n_points // 1000} k" if self.n_points % 1000 == 0 else f"{self.n_points}"
+        return points + (f", noise {self.noise / 2:.2%}" if self.noise else "")
+
+
+def estimate(points: Tensor, normals: Tensor | None, k: int, method: str = "pca") -> float:
+    """χ⁽⁰⁾ without the term of a boundary: all shapes here are closed."""
+    settings = CurvatureSettings(k, normal_method=method)  # type: ignore[arg-type]
+    local = surface_curvature(SurfaceSamples(points, normals), settings)
+    return float(euler_characteristic(local.gaussian, local.area))
+
+
+def is_right(value: Value, euler: int) -> bool:
+    """Whether an integer is χ, or another value rounds to it as the paper rounds: 2·round(χ/2)."""
+    if value is None or isinstance(value, int):
+        return value == euler
+    return math.isfinite(value) and 2 * round(value / 2) == euler
+
+
+def errors(pairs: list[tuple[Value, int]]) -> list[float]:
+    """|value − χ| wherever there is a value."""
+    return [abs(value - euler) for value, euler in pairs if value is not None and math.isfinite(value)]
+
+
+def near(pairs: list[tuple[Value, int]]) -> int:
+    """How many values are within ½ of χ."""
+    return sum(error < 0.5 for error in errors(pairs))

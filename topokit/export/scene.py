@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.grid.field import Field
+from topokit.core.grid.scaling import in_single_precision
 from topokit.core.local.curvature import Curvature
 from topokit.export.colors import Exportable, Floats, curvature_of_one, interpolate
 
@@ -168,9 +169,8 @@ def _level_set(field: Field) -> tuple[Floats, Integers, str | None] | None:
 
     values = field.detached().cpu().double().numpy()
     step = -(-max(values.shape) // _GRID)
-    values = np.nan_to_num(values[::step, ::step, ::step])
-    outside = min(-1e-6, float(values.min()))
-    padded = np.pad(values, 1, constant_values=outside)
+    values = in_single_precision(np.nan_to_num(values[::step, ::step, ::step]))
+    padded = np.pad(values, 1, constant_values=min(-1e-6, float(values.min())))
     if not (padded > 0).any():
         return None
     vertices, faces, _, _ = marching_cubes(padded, 0.0)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from topokit.core.grid.components import occupied_box
 from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.scaling import in_single_precision
 from topokit.core.grid.splines import GridSampler
 from topokit.core.implicit.level_set import area_weighted_starts, project
 from topokit.core.linalg import normalize
@@ -62,15 +63,16 @@ class _QuadraticSpline:
 
 
 def _crop(values: Tensor) -> tuple[NDArray[np.float32], list[int]]:
-    """The box around the solid with a margin, and the index of its first voxel; infinite values become finite."""
+    """The box around the solid with a margin, in units of the median value, and the index of its first voxel."""
     box = occupied_box(values > 0)
     first = [start - _MARGIN for start, _ in box]
     last = [stop + _MARGIN for _, stop in box]
-    part = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].float().cpu().numpy()
+    part = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu()
+    part = (part if part.dtype == torch.float64 else part.float()).numpy()
     finite = part[np.isfinite(part)]
     bottom, top = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
     bottom = min(bottom, -top) if bottom >= 0 else bottom
     top = top if top > 0 else -bottom
     part = np.nan_to_num(part, nan=bottom, posinf=top, neginf=bottom)
     missing = [(max(0, -a), max(0, b - n)) for a, b, n in zip(first, last, values.shape, strict=True)]
-    return np.pad(part, missing, constant_values=bottom), first
+    return in_single_precision(np.pad(part, missing, constant_values=bottom)), first

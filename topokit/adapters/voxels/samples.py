@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -67,8 +69,8 @@ def _crop(values: Tensor) -> tuple[NDArray[np.float32], list[int]]:
     box = occupied_box(values > 0)
     first = [start - _MARGIN for start, _ in box]
     last = [stop + _MARGIN for _, stop in box]
-    part = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu()
-    part = (part if part.dtype == torch.float64 else part.float()).numpy()
+    cut = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu()
+    part: NDArray[np.floating[Any]] = (cut if cut.dtype == torch.float64 else cut.float()).numpy()
     finite = part[np.isfinite(part)]
     bottom, top = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
     bottom = min(bottom, -top) if bottom >= 0 else bottom

@@ -25,15 +25,19 @@ class KnownValues:
         self._width = float("inf")
         self._n_evaluations = 0
 
-    def update(self, field: Field, tau: float | None) -> Tensor:
+    def update(self, field: Field, tau: float | None, vertices: Tensor | None = None) -> Tensor:
         """The values (X, Y, Z) of the field as it is now, exact within the band around the level.
 
         Args:
             field: on the same grid in every call.
             tau: scale of the levels that matter, in units of the field; None for about one cell.
+            vertices: (M, 3) int64, grid vertices whose values are needed wherever they are.
         """
         is_whole = self._known is None or self._n_evaluations % self._whole_every == 0
-        values = field.detached() if is_whole or self._known is None else field.updated(self._known, self._width)
+        if is_whole or self._known is None:
+            values = field.detached()
+        else:
+            values = field.updated(self._known, self._width, vertices)
         self._n_evaluations += 1
         if not field.is_costly:
             return values

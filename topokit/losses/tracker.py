@@ -100,7 +100,11 @@ class SolidTracker(nn.Module):
 
     def _look(self, fields: list[Field], tau: float | None) -> None:
         """Show the fields to their guards."""
-        values = [known.update(field, tau) for known, field in zip(self._values, fields, strict=True)]
+        values = [
+            # not as far as τ reaches: margins end within a cell of the level, and beyond it only decisive voxels move
+            known.update(field, None, guard.decisive and guard.decisive.voxels)
+            for known, field, guard in zip(self._values, fields, self._guards, strict=True)
+        ]
         on_host = [at_least_single(one).cpu().numpy() for one in values]
         _check_numbers(on_host)
         self._default_taus = [default_tau(one) for one in values] if tau is None else []

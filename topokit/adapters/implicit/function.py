@@ -144,11 +144,14 @@ class FunctionField(Field):
         """F (X, Y, Z), positive inside; with a graph to the weights where gradients are on."""
         return self._at(torch.arange(self.grid.n_vertices, device=self.device)).reshape(self.grid.shape)
 
-    def updated(self, known: Tensor, width: float) -> Tensor:
-        """See `Field.updated`; vertices farther from the level than `width` are not evaluated."""
-        near = (~(known.abs() > width)).nonzero()  # NaN, too
+    def updated(self, known: Tensor, width: float, vertices: Tensor | None = None) -> Tensor:
+        """See `Field.updated`; other vertices are not evaluated."""
+        is_wanted = ~(known.abs() > width)  # NaN, too
+        if vertices is not None:
+            is_wanted[tuple(vertices.to(known.device).unbind(1))] = True
+        wanted = is_wanted.nonzero()
         with torch.no_grad():
-            return known.index_put(tuple(near.unbind(1)), self.values_at(near).to(known))
+            return known.index_put(tuple(wanted.unbind(1)), self.values_at(wanted).to(known))
 
     def values_at(self, vertices: Tensor) -> Tensor:
         """See `Field.values_at`; no other vertex is evaluated."""

@@ -62,12 +62,13 @@ class Field(ABC):
         x, y, z = vertices.unbind(1)
         return self.values()[x, y, z]
 
-    def updated(self, known: Tensor, width: float) -> Tensor:
+    def updated(self, known: Tensor, width: float, vertices: Tensor | None = None) -> Tensor:
         """The values (X, Y, Z) as they are now, without a graph; far from the level they may be the known ones.
 
         Args:
             known: values at an earlier time.
             width: distance from the level up to which known values are not trusted.
+            vertices: (M, 3) int64, grid vertices at which they are not trusted either.
         """
         return self.detached()
 

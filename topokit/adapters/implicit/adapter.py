@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from numbers import Real
 
 import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
 
 from topokit.adapters.implicit.files import read_network
 from topokit.adapters.implicit.function import Function, FunctionField, LevelFunction
@@ -19,6 +21,7 @@ from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
+from topokit.inputs.arrays import as_floating
 from topokit.inputs.files import existing_file
 from topokit.shape import Shape
 
@@ -37,6 +40,7 @@ def from_sdf(
     resolution: int = 512,
     n_samples: int = 10_000,
     field_resolution: int = 64,
+    starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
@@ -63,6 +67,10 @@ def from_sdf(
             about four times as many evaluations.
         n_samples: number of samples.
         field_resolution: cells along the longest side of the field's own grid, which is evaluated everywhere.
+        starts: (N, 3) points near the surface, such as the samples of the last training step. They become the samples,
+            moved along the gradient by at most 1/64 of the longest side; those too far away are left out.
+            This takes about 10 N evaluations instead of the half million of grids, but parts of the surface without
+            starts are not seen, and the samples grow uneven: leave starts out now and then.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
 
@@ -77,7 +85,7 @@ def from_sdf(
         2
     """
     name, function = _name_and_function(f, "sdf", "from_sdf")
-    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, n_neighbors, generator)
+    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, starts, n_neighbors, generator)
     return _shape(name, function, -1, settings)
 
 
@@ -90,6 +98,7 @@ def from_occupancy(
     resolution: int = 512,
     n_samples: int = 10_000,
     field_resolution: int = 64,
+    starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
 ) -> Shape:
@@ -104,6 +113,7 @@ def from_occupancy(
         resolution: as for `from_sdf`.
         n_samples: number of samples.
         field_resolution: as for `from_sdf`.
+        starts: as for `from_sdf`.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: as for `from_sdf`.
 
@@ -118,7 +128,7 @@ def from_occupancy(
     """
     name, function = _name_and_function(f, "occupancy", "from_occupancy")
     on_surface = _log_odds(level) if logits else level
-    settings = _Settings(bounds, on_surface, resolution, n_samples, field_resolution, n_neighbors, generator)
+    settings = _Settings(bounds, on_surface, resolution, n_samples, field_resolution, starts, n_neighbors, generator)
     return _shape(name, function, 1, settings)
 
 
@@ -141,6 +151,7 @@ class _Settings:
     resolution: int
     n_samples: int
     field_resolution: int
+    starts: Tensor | ArrayLike | None
     n_neighbors: int | None
     generator: torch.Generator | None
 
@@ -163,7 +174,8 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     seed = deferred_seed(settings.generator)
-    surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed)
+    starts = None if settings.starts is None else _as_starts(settings.starts)
+    surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed, starts)
     field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
     return Shape(
         surface.samples,
@@ -212,6 +224,13 @@ def _as_bounds(bounds: object) -> Bounds:
         raise InputError(f"bounds must be ((x0, y0, z0), (x1, y1, z1)) with lower before upper, got {bounds}.")
     low, high = (tuple(corner) for corner in corners.tolist())
     return low, high
+
+
+def _as_starts(starts: Tensor | ArrayLike) -> Tensor:
+    points = as_floating(starts, "starts", "(N, 3)")
+    if points.ndim != 2 or points.shape[1] != 3 or not bool(points.isfinite().all()):
+        raise InputError(f"starts must be finite points (N, 3), got a tensor of shape {tuple(points.shape)}.")
+    return points
 
 
 def _find_bounds(function: LevelFunction) -> tuple[Bounds, tuple[str, ...]]:

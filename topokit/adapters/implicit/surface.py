@@ -38,14 +38,24 @@ class ImplicitSurface:
         resolution: cells along the longest side of the finest grid for counting.
         n_samples: number of samples.
         seed: of the samples.
+        starts: (N, 3), from which samples are found instead of from a grid; None for the grid.
     """
 
-    def __init__(self, function: LevelFunction, bounds: Bounds, resolution: int, n_samples: int, seed: int) -> None:
+    def __init__(
+        self,
+        function: LevelFunction,
+        bounds: Bounds,
+        resolution: int,
+        n_samples: int,
+        seed: int,
+        starts: Tensor | None = None,
+    ) -> None:
         self.function = function
         self.bounds = bounds
         self.resolution = resolution
         self.n_samples = n_samples
         self.seed = seed
+        self.starts = starts
         self._coarsest: AdaptiveField | None = None
         self._n_cells: int | None = None  # of the grid that shows the answer
 
@@ -53,9 +63,10 @@ class ImplicitSurface:
         """Area-weighted points on the zero set with outward normals, both differentiable in f's weights.
 
         Raises:
-            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not.
+            InputError: if the zero set does not meet the box, or the box's border is inside and its middle is not; or
+                if there are starts, and none of them is near the zero set.
         """
-        points, grid_normals = self._projected_points()
+        points, grid_normals = self._projected_points() if self.starts is None else self._followed(self.starts)
         _, gradient = self.function.value_and_gradient(points)
         with torch.enable_grad(), uncompiled():
             value = self.function(points)
@@ -84,6 +95,20 @@ class ImplicitSurface:
                 break
         points, normals = (torch.cat(column) for column in zip(*kept, strict=True))
         return points, normals
+
+    def _followed(self, starts: Tensor) -> tuple[Tensor, Tensor]:
+        """The starts moved onto the zero set, and normals; those that do not reach it are left out."""
+        starts = starts.detach().to(self.function.device, self.function.dtype)
+        reach = 2 * Grid.covering(*self.bounds, 2 * COARSEST).step
+        _, gradient = self.function.value_and_gradient(starts)
+        normals = outward_normals(gradient, starts.new_tensor((0.0, 0.0, 1.0)))
+        points, is_on = project(self.function.value_and_gradient, starts, normals, reach)
+        if not bool(is_on.any()):
+            raise InputError(
+                f"none of the {len(starts)} starts is within {reach:.3g} of the level set of {self.function.name}: "
+                "leave starts out, so that it is looked for on grids."
+            )
+        return points[is_on], normals[is_on]
 
     def answer(self) -> CountedAnswer:
         """The integer, from grids that are refined up to the resolution.

@@ -4,7 +4,8 @@
 
 Processor time within one run, forward and backward, as multiples of a training step of one shape; a batch of 64 shapes,
 as DeepSDF has, takes 64 times as long. Means of 20 calls follow from one call of each kind: with `search_every=20` one
-evaluates all of the grid, and those in which the loss looks evaluate what lies near the level. The network is added, hardly visible, to the distance of a torus, so that it need not be trained.
+evaluates all of the grid, and those in which the loss looks evaluate what lies near the level. The network is added,
+hardly visible, to the distance of a torus, so that it need not be trained.
 
 Reference:
     J. J. Park et al., "DeepSDF", CVPR 2019, doi:10.1109/CVPR.2019.00025 (layers, skip connection, points of a step).

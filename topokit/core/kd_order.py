@@ -26,9 +26,9 @@ from topokit.core.selection import Selection, blocks, k_smallest, k_smallest_if_
 
 _LEAF = 16  # points of a leaf, at most
 _WIDTH = 16  # leaves compared with a leaf of queries in the first round: on surfaces most 20 neighbors are among them
-_WIDER = 40  # in solids, where it finishes 97 % of the queries
+_WIDER = 40  # the same for solids, where they finish 97 % of the queries
 _FIRST_ROUNDS = tuple((width, select) for width in (_WIDTH, _WIDER) for select in (k_smallest_if_clear, k_smallest))
-_PROBES = 64  # leaves of queries on which they are tried, cheapest first
+_PROBES = 64  # leaves of queries on which kinds of a first round are tried, the cheapest first
 _GROWTH = 4  # times as many leaves in each further round
 _ROUNDING = 1 - 1e-14  # distances to boxes are rounded, too
 

@@ -101,7 +101,11 @@ def test_rows_of_something_else_are_refused(folder: Path, tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("before", "after", "message"),
     [
-        ({}, {"n_samples": 500}, r'line 1, was examined with no options, and this run has the options {"n_samples": 500}'),
+        (
+            {},
+            {"n_samples": 500},
+            r'line 1, was examined with no options, and this run has the options {"n_samples": 500}',
+        ),
         ({"details": True}, {}, r'with the options {"details": true}, and this run has no options'),
         ({"adapter": "mesh"}, {"adapter": "mesh", "n_samples": 9}, "go on with the same options, or write to another"),
     ],

@@ -146,6 +146,24 @@ def test_only_the_band_around_the_level_is_evaluated_between_whole_evaluations()
     assert max(counts[1:5]) < 0.3 * 33**3
 
 
+def test_the_topology_loss_evaluates_near_the_level_and_where_voxels_decide_whatever_tau_is() -> None:
+    """A ball that has to go is decided everywhere in it, also five cells deep; it shrinks meanwhile."""
+    ring = Ring()
+    ring.bump.data.fill_(0.7)
+    near, whole = (tk.TopologyLoss(genus=1, change="remove") for _ in range(2))
+    for step in range(5):
+        for known in whole.tracker._values:
+            known._known = None  # so that all is evaluated
+        expected = whole(ring.shape(), 0.5)
+        shape = ring.shape()
+        ring.n_points = 0
+        value = near(shape, 0.5)
+        assert expected > 0.2
+        torch.testing.assert_close(value, expected)
+        assert (ring.n_points < 0.35 * 33**3) == (step > 0)
+        ring.bump.data.sub_(0.06)
+
+
 def test_a_part_that_appears_far_from_the_level_is_seen_at_the_next_whole_evaluation() -> None:
     ring = Ring()
     loss = tk.EulerLoss(0.0, search=SearchOptions(search_every=3))

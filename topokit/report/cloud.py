@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.core.cloud.votes import Family, values_of
+from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent, genus_of
 from topokit.core.local.boundary import BoundaryEstimate
@@ -153,7 +153,7 @@ def _report(
 def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
     """The families that voted, each with the value that it gives most often."""
     groups: tuple[tuple[str, tuple[Family, ...]], ...] = (
-        ("Delaunay cuts", ("cut", "smooth cut", "coarse cut")),
+        ("Delaunay cuts", CUT_FAMILIES),
         ("winding-number fields", ("field",)),
     )
     n_values = sum(len(vote.eulers) for vote in witness.votes)

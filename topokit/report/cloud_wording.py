@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from topokit.core.cloud.far_points import FAR
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.votes import values_of
+from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 
@@ -159,7 +159,7 @@ def far_sentences(n_far: int) -> tuple[str, ...]:
 
 
 def _numbers(witness: Witness) -> dict[str, object]:
-    cuts, fields = values_of(witness.votes, "cut", "smooth cut", "coarse cut"), values_of(witness.votes, "field")
+    cuts, fields = values_of(witness.votes, *CUT_FAMILIES), values_of(witness.votes, "field")
     return {
         "euler": witness.euler,
         "cuts": len(cuts),

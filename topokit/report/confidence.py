@@ -70,7 +70,7 @@ def cloud_evidence(witness: Witness) -> dict[str, float]:
     """The measured values of all evidence about a closed cloud."""
     quality, n_surfaces = witness.quality, witness.components + witness.cavities
     return {
-        "cuts": _other_share(values_of(witness.votes, "cut"), witness.euler),
+        "cuts": _other_share(values_of(witness.votes, "cut", "shifted cut"), witness.euler),
         "fields": _other_share(values_of(witness.votes, "field"), witness.euler),
         "handles": max(n_surfaces - witness.euler / 2, 0.0) + max(n_surfaces - 1, 0),
         "crowded_wide": quality.crowded_wide,

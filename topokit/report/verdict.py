@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.votes import Family, values_of
+from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
 from topokit.report.confidence import cloud_confidence
@@ -163,7 +163,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
     """The conditions under which the integer of a closed cloud is likely, and the evidence behind its confidence."""
     euler, quality = witness.euler, witness.quality
     confidence = cloud_confidence(witness)
-    cuts = [value == euler for value in values_of(witness.votes, "cut", "smooth cut", "coarse cut")]
+    cuts = [value == euler for value in values_of(witness.votes, *CUT_FAMILIES)]
     surfaces = float(witness.components + witness.cavities - euler / 2)
     checks = [
         Check("confidence", confidence, confidence >= THRESHOLDS["confidence"].value, decides=True),

@@ -68,3 +68,22 @@ def test_unanimous_votes_are_left_alone() -> None:
     witness = global_witness(torch.from_numpy(points), torch.from_numpy(normals))
     assert not witness.is_widened
     assert (witness.euler, witness.agreement) == (0, 1)
+
+
+def test_found_normals_are_corrected_where_votes_differ() -> None:
+    points, _ = plate_with_hole(2_000, 0.06)
+    witness = global_witness(torch.from_numpy(points))
+    assert witness.signs.coverage is not None
+    assert witness.signs.coverage > 0.97
+    assert {vote.family for vote in witness.votes} >= {"cut", "shifted cut"}
+    assert witness.euler == 0
+    assert witness.agreement > 0.9
+
+
+def test_noise_leaves_samples_where_they_are() -> None:
+    points, normals = plate_with_hole(2_000, 0.06)
+    noise = np.random.default_rng(1).normal(0, 0.01, (len(points), 1))
+    witness = global_witness(torch.from_numpy(points + noise * normals))
+    assert witness.agreement < 1
+    assert not witness.is_widened
+    assert "shifted cut" not in {vote.family for vote in witness.votes}

@@ -52,6 +52,7 @@ class DelaunayComplex:
         neighbors: (T, 4), tetrahedron across the facet opposite to each vertex, −1 outside the hull.
         facet_area: (T, 4).
         facet_normal: (T, 4, 3), unit, outward from the tetrahedron.
+        centers: (T, 3), of the circumspheres; of slivers the centroid.
         sphere_cost: (T, 4), from 0 where the spheres on both sides meet the facet far from their center to 1.
         hull: (H, 3), vertex indices of the convex hull's triangles.
     """
@@ -62,6 +63,7 @@ class DelaunayComplex:
     neighbors: Integers
     facet_area: Floats
     facet_normal: Floats
+    centers: Floats
     sphere_cost: Floats
     hull: Integers
 
@@ -165,7 +167,7 @@ def delaunay_complex(points: Floats, spacing: float | Floats) -> DelaunayComplex
     hull = triangulation.convex_hull.astype(np.int64)
     squared = spacing[tetrahedra] ** 2
     area = length / 2 / ((squared.sum(1, keepdims=True) - squared) / 3)  # of the three corners of each facet
-    return DelaunayComplex(points, spacing, tetrahedra, neighbors, area, normal, sphere_cost, hull)
+    return DelaunayComplex(points, spacing, tetrahedra, neighbors, area, normal, center, sphere_cost, hull)
 
 
 def _circumcenter_offsets(corner: Floats) -> Floats:

@@ -15,10 +15,17 @@ from topokit.core.cloud.dense import MOST_POINTS, SAMPLES, DenseCloud, averaged,
 from topokit.core.cloud.downsampling import downsample
 from topokit.core.cloud.findings import Preparation, Signs, SignSource
 from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, local_geometry, turned_towards
-from topokit.core.cloud.orientation import check_normals, compare_normals, orient_by_patches, orient_samples
+from topokit.core.cloud.orientation import (
+    INTERPOLATING,
+    Orientation,
+    check_normals,
+    compare_normals,
+    orient_by_patches,
+    orient_samples,
+)
 from topokit.core.cloud.solidity import fills_space
-from topokit.core.cloud.votes import SampleQuality, Vote, gather_dense_votes, gather_votes, tally
-from topokit.core.cloud.widening import widened
+from topokit.core.cloud.votes import SampleQuality, Vote, cut_votes, gather_dense_votes, gather_votes, tally
+from topokit.core.cloud.widening import Widening, widened
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
 from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.stages import begin
@@ -168,7 +175,7 @@ def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
 def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
     local = local_geometry(cloud.points, cloud.areas)
     begin("orientation")
-    signs, outward, complex_ = _outward(cloud, local, wire)
+    signs, outward, complex_, found = _outward(cloud, local, wire)
     turned = time.perf_counter()
     begin("counting")
     weights = compatible_areas(outward, local) if cloud.areas is None else local.areas
@@ -176,20 +183,22 @@ def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
     spacing = float(np.sqrt(weights.mean()))
     every = np.arange(len(cloud.points))
     look = Look(signs, outward, votes, quality, cut, complex_, every, cloud.points, spacing, spacing, turned, wire)
-    return look if wire is not None or signs.apply(cloud.normals) is None else _with_more_room(look, local)
+    is_clean = found is None or found.coverage >= INTERPOLATING
+    return _with_more_room(look, local, found, cloud.normals) if is_clean and wire is None else look
 
 
-def _with_more_room(look: Look, local: LocalGeometry) -> Look:
+def _with_more_room(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Look:
     """The same, or with the votes of shifted samples where those of the samples differ; the quality stays theirs."""
     if tally(look.votes)[1] == 1:
         return look
-    moved = widened(look.points, look.normals, local, look.complex_)
-    if moved is None:
+    best = _widened(look, local, found, axes)
+    if not (best.is_shifted or found):
         return look
-    room = local_geometry(moved)
-    complex_ = delaunay_complex(moved, room.spacings)
-    votes, _, cut = gather_votes(moved, look.normals, room, compatible_areas(look.normals, room), complex_)
-    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=True)
+    room = local_geometry(best.points)
+    complex_, areas = delaunay_complex(best.points, room.spacings), compatible_areas(best.normals, room)
+    votes, _, cut = gather_votes(best.points, best.normals, room, areas, complex_)
+    votes += best.others if found else ()
+    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=best.is_shifted)
 
 
 def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
@@ -214,13 +223,37 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, first)
     spacing, finest = (float(value) for value in np.quantile(local.spacings, (0.5, _FINEST)))
     complex_ = found.complex_
-    return Look(
+    look = Look(
         signs, normals, votes, quality, cut, complex_, kept, points, spacing, finest, turned, preparation="sampled"
     )
+    if tally(votes)[1] == 1:
+        return look
+    given_axes = None if cloud.normals is None else cloud.normals[kept]
+    return _with_samples_shifted(look, local, found if given is None else None, given_axes)
 
 
-def _outward(cloud: Cloud, local: LocalGeometry, wire: WireReading | None) -> tuple[Signs, Floats, DelaunayComplex]:
-    """Outward normals (N, 3) of all points, where their signs came from, and the tetrahedra built on the way."""
+def _with_samples_shifted(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Look:
+    """The same with the cuts of shifted samples; what half of them and the fields show stays."""
+    best = _widened(look, local, found, axes)
+    if not (best.is_shifted or found):
+        return look
+    complex_ = delaunay_complex(best.points, local_geometry(best.points).spacings)
+    cuts, cut = cut_votes(complex_, best.normals)
+    stay = tuple(vote for vote in look.votes if vote.family != "cut")
+    votes = (*cuts, *stay, *(best.others if found else ()))
+    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=best.is_shifted)
+
+
+def _widened(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Widening:
+    """The positions that show the surface best, from given normals or from those of an orientation."""
+    normals = look.normals[look.kept] if found is None else found.corrected(axes)
+    return widened(look.points, normals, local, look.complex_, are_found=found is not None, axes=axes)
+
+
+def _outward(
+    cloud: Cloud, local: LocalGeometry, wire: WireReading | None
+) -> tuple[Signs, Floats, DelaunayComplex, Orientation | None]:
+    """Outward normals (N, 3), where their signs came from, and the tetrahedra and the orientation found on the way."""
     given, source, confirmed = cloud.normals, cloud.unsigned_source, None
     if given is not None and cloud.oriented:
         complex_ = delaunay_complex(cloud.points, local.spacings)
@@ -229,10 +262,10 @@ def _outward(cloud: Cloud, local: LocalGeometry, wire: WireReading | None) -> tu
         signs = Signs(source, confirmed, None)
         outward = signs.apply(given)
         if outward is not None:
-            return signs, outward, complex_
+            return signs, outward, complex_, None
     if wire is not None:
         outward = wire.normals if given is None else turned_towards(given, wire.normals)
-        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings)
+        return Signs(source, confirmed, None), outward, delaunay_complex(cloud.points, local.spacings), None
     found = orient_samples(cloud.points, local)
     outward = found.normals if given is None else turned_towards(given, found.normals)
-    return Signs(source, confirmed, found.coverage), outward, found.complex_
+    return Signs(source, confirmed, found.coverage), outward, found.complex_, found

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.dipoles import DipoleSolver, border_mean
 from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, turned_towards, unit
+from topokit.core.cloud.poles import normals_by_poles
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
@@ -32,6 +33,9 @@ Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 Scale = Literal["coarse", "fine"]
 
+INTERPOLATING = 0.97
+"""Coverage from which samples count as free of noise, so that a missed one is a missed feature."""
+
 _HANDICAP = {"fine alternation": 1.0, "coarse alternation": 1.0, "fine solve": 1.05, "coarse solve": 1.05}
 """Cost factors: a candidate without alternation must be clearly better."""
 
@@ -40,7 +44,7 @@ _SMOOTH = 0.2  # roughness up to which it is tried on all points: of 47 clean sh
 _GRAPH = 8  # neighbors that signs are carried to
 _SMALLEST_PART = 20  # samples of the smallest part that must be covered by itself
 _MOSTLY_COVERED = 0.9  # coverage that it needs for that; edges of CAD parts leave 8 % of the samples off the surface
-_INTERPOLATING = 0.97  # coverage from which samples count as free of noise, so that a missed one is a missed feature
+_HOPELESS = 2.0  # cost ratio from which a candidate is not corrected
 _COVERAGE_POWER = 9.0  # how much a missed sample costs then
 _LEAST_COVERAGE = 1e-3  # keeps the cost finite
 _COARSE_CELLS, _COARSE_ITERATIONS = 64, 20  # cells along the longest side; conjugate-gradient steps
@@ -63,6 +67,7 @@ class Orientation:
         coverage: share of the samples on the implied solid's surface.
         complex_: the tetrahedra of the samples, for further use.
         cut: with these normals and the weights by default, if it was made.
+        trials: normals of every candidate, with the cut that they imply.
     """
 
     normals: Floats
@@ -71,6 +76,21 @@ class Orientation:
     coverage: float
     complex_: DelaunayComplex
     cut: Cut | None = None
+    trials: tuple[tuple[Floats, Cut], ...] = ()
+
+    def corrected(self, axes: Floats | None = None) -> Floats:
+        """Outward normals of the candidate that implies the cheapest solid once the poles have corrected its signs.
+
+        Args:
+            axes: (N, 3), unit normals of arbitrary sign, where known.
+        """
+        hopeless = _HOPELESS * min(_cost(cut, _COVERAGE_POWER) for _, cut in self.trials)
+        found = [
+            normals_by_poles(self.complex_, normals, cut, rounds=2, axes=axes)
+            for normals, cut in self.trials
+            if _cost(cut, _COVERAGE_POWER) <= hopeless
+        ]
+        return min(found, key=lambda trial: _cost(trial[1], _COVERAGE_POWER))[0]
 
 
 def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
@@ -92,7 +112,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
         name: (direction, normals, cut)
         for (name, direction), normals, cut in zip(directions.items(), cleaned, cuts, strict=True)
     }
-    is_clean = max(cut.coverage for _, _, cut in trials.values()) >= _INTERPOLATING
+    is_clean = max(cut.coverage for _, _, cut in trials.values()) >= INTERPOLATING
     power = _COVERAGE_POWER if is_clean else 1.0
     costs = {name: _HANDICAP[name] * _cost(cut, power) for name, (_, _, cut) in trials.items()}
     best = min(costs, key=lambda candidate: costs[candidate])
@@ -101,7 +121,8 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     cut = cut_complex(complex_, normals)
     surface, _ = surface_normals(complex_, cut.inside, normals)
     normals = unit(surface + normals + 1e-9 * direction)  # the last term decides where the others cancel
-    return Orientation(normals, best, costs, cut.coverage, complex_)
+    kept = tuple((candidate, its_cut) for _, candidate, its_cut in trials.values())
+    return Orientation(normals, best, costs, cut.coverage, complex_, trials=kept)
 
 
 def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Orientation | None:
@@ -112,10 +133,12 @@ def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex)
     normals = clean_normals(points, found.normals, local.index)
     cut = cut_complex(complex_, normals)
     surface, is_on = surface_normals(complex_, cut.inside, normals)
-    if not _is_believed(surface, is_on, normals, found.parts, _INTERPOLATING):
+    if not _is_believed(surface, is_on, normals, found.parts, INTERPOLATING):
         return None
     outward = unit(surface + normals + 1e-9 * found.normals)  # the last term decides where the others cancel
-    return Orientation(outward, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_)
+    return Orientation(
+        outward, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, None, ((normals, cut),)
+    )
 
 
 def _is_believed(surface: Floats, is_on: Booleans, normals: Floats, parts: Integers, least_coverage: float) -> bool:
@@ -149,17 +172,21 @@ def orient_by_patches(
     cut = cut_complex(complex_, normals)
     surface, is_on = surface_normals(complex_, cut.inside, normals)
     if _is_believed(surface, is_on, normals, parts, _MOSTLY_COVERED):
-        return Orientation(normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, cut)
+        return Orientation(
+            normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, cut, ((normals, cut),)
+        )
     others = _resigned(points, normals, patches, local)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         found = threads.map(partial(cut_complex, complex_), others.values())
         cuts = {"propagation": cut, **dict(zip(others, found, strict=True))}
     candidates = {"propagation": normals, **others}
-    is_clean = max(one.coverage for one in cuts.values()) >= _INTERPOLATING
+    is_clean = max(one.coverage for one in cuts.values()) >= INTERPOLATING
     costs = {name: _cost(one, _COVERAGE_POWER if is_clean else 1.0) for name, one in cuts.items()}
     best = min(costs, key=lambda candidate: costs[candidate])
     surface, _ = surface_normals(complex_, cuts[best].inside, candidates[best])
-    return Orientation(turned_towards(candidates[best], surface), best, costs, cuts[best].coverage, complex_)
+    kept = tuple((candidates[name], one) for name, one in cuts.items())
+    outward = turned_towards(candidates[best], surface)
+    return Orientation(outward, best, costs, cuts[best].coverage, complex_, trials=kept)
 
 
 def _resigned(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> dict[str, Floats]:

@@ -28,17 +28,21 @@ from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
-Family = Literal["cut", "smooth cut", "coarse cut", "field"]
+Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
 
 CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
 SMOOTH_SETTINGS = CUT_SETTINGS[:2]
 FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
 """Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
 
+CUT_FAMILIES: tuple[Family, ...] = ("cut", "smooth cut", "coarse cut", "shifted cut")
+"""The families of Delaunay cuts."""
+
 WEIGHTS: dict[Family, tuple[float, ...]] = {
     "cut": (1.5, 1.0, 1.0),
     "smooth cut": (1.25, 1.0),
     "coarse cut": (1.25, 1.0),
+    "shifted cut": (0.6, 0.4),
     "field": (0.8, 0.8, 0.6),
 }
 """Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
@@ -57,7 +61,7 @@ class Vote:
 
     Attributes:
         family: "cut" (original positions), "smooth cut" (smoothed positions), "coarse cut" (half as many samples of a
-            large cloud) or "field".
+            large cloud), "shifted cut" (at positions that were not taken) or "field".
         setting: index into the family's settings.
         eulers: counted from inside and from outside for a cut, one value for a field.
         n_samples: number of samples that it is made from.
@@ -118,7 +122,7 @@ def gather_votes(
         smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
         fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
         first, others = cuts[0].result(), [cut.result() for cut in cuts]
-        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(others)]
+        votes = [Vote("cut", k, surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(others)]
         votes += [*smooth.result(), *(field.result() for field in fields)]
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
     quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide, near)
@@ -160,7 +164,7 @@ def gather_dense_votes(
                 cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
         quality = _dense_quality(cloud, normals, samples)
         made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
-        votes = [Vote("cut", k, _surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
+        votes = [Vote("cut", k, surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
         votes += [*coarse.result(), *(field.result() for field in fields)]
     return tuple(votes), replace(quality, coverage=made[0].coverage), made[0]
 
@@ -174,10 +178,16 @@ def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> Samp
     return SampleQuality(0.0, opposed, cloud.surface.roughness, near, wide, boundary)
 
 
+def cut_votes(complex_: DelaunayComplex, normals: Floats) -> tuple[list[Vote], Cut]:
+    """The votes of all cuts of samples where they are, and the first cut."""
+    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
+    return [Vote("cut", k, surface_eulers(complex_, cut), len(normals)) for k, cut in enumerate(cuts)], cuts[0]
+
+
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:
     complex_ = delaunay_complex(points, spacings)
     cuts = [cut_complex(complex_, normals, weights) for weights in SMOOTH_SETTINGS]
-    return [Vote(family, k, _surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(cuts)]
+    return [Vote(family, k, surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(cuts)]
 
 
 def _field_vote(points: Floats, normals: Floats, areas: Floats, spacing: float, setting: int) -> Vote:
@@ -191,7 +201,8 @@ def _field_grid(points: Floats, spacing: float, setting: int) -> Grid:
     return make_grid(torch.as_tensor(points, dtype=torch.float32), spacing, per_spacing, most)
 
 
-def _surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
+def surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
+    """Euler characteristic of a cut's surface, counted from inside and from outside."""
     return tuple(2 * euler for euler in solid_eulers(complex_, cut.inside))
 
 

@@ -3,19 +3,23 @@
 Where two sheets are closer than the sample spacing, tetrahedra join the wrong ones. A shift outward thickens the wall
 between them, a shift inward widens the gap, and neither changes the topology as long as the way is free. Several shifts
 compete. All samples lie on the surface, so that shift is the best whose cuts leave the fewest of them off it. This
-needs normals that are known: wrong ones would move the sheets through each other.
+needs normals that are known. Found ones fit the solid that they were found with, so that it misses few samples even
+where it is wrong: every shift corrects them first, and the integer that most cuts give decides between the shifts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.cloud.delaunay_cut import DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry, opposite_neighbors
-from topokit.core.cloud.votes import CUT_SETTINGS
+from topokit.core.cloud.poles import normals_by_poles
+from topokit.core.cloud.votes import CUT_SETTINGS, Vote, surface_eulers
 
 Floats = NDArray[np.float64]
 
@@ -26,27 +30,79 @@ _SIDEWAYS = 0.7  # spacings by which the opposite sample of a sheet may lie asid
 _SMOOTHED_OVER = 8  # neighbors over which the shifts are averaged, twice
 
 
-def widened(points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Floats | None:
-    """Shifted positions (N, 3) whose cuts leave fewer samples off the surface, or None if no shift does.
+@dataclass(frozen=True, eq=False)
+class Widening:
+    """Samples at the positions that show the surface best.
+
+    Attributes:
+        points: (N, 3), shifted positions.
+        normals: (N, 3), unit, outward; corrected if they were found.
+        others: votes of the positions that were not taken.
+        is_shifted: whether the positions differ from those given.
+    """
+
+    points: Floats
+    normals: Floats
+    others: tuple[Vote, ...]
+    is_shifted: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Samples at some positions (N, 3) with their normals, what cuts count there, and the share that they miss."""
+
+    points: Floats
+    normals: Floats
+    eulers: tuple[tuple[int, ...], ...]
+    missed: float
+
+    @property
+    def votes(self) -> list[Vote]:
+        return [Vote("shifted cut", k, eulers, len(self.points)) for k, eulers in enumerate(self.eulers)]
+
+
+def widened(
+    points: Floats,
+    normals: Floats,
+    local: LocalGeometry,
+    complex_: DelaunayComplex,
+    *,
+    are_found: bool,
+    axes: Floats | None = None,
+) -> Widening:
+    """The positions, shifted or not, that show the surface best.
 
     Args:
         points: (N, 3).
-        normals: (N, 3), unit, outward, and known.
+        normals: (N, 3), unit, outward.
         local: neighborhoods of the points.
         complex_: tetrahedra of the points.
+        are_found: whether the normals were found rather than given; then every shift corrects them.
+        axes: (N, 3), unit normals of arbitrary sign, where known; then only signs are corrected.
     """
-    best, fewest = None, _missed(complex_, normals)
+    trials = [_trial(points, normals, complex_)]
     for shift in _shifts(points, normals, local):
         moved = points + (shift * local.spacings)[:, None] * normals
-        missed = _missed(delaunay_complex(moved, local_geometry(moved).spacings), normals)
-        if missed < fewest:
-            best, fewest = moved, missed
-    return best
+        room, turned = delaunay_complex(moved, local_geometry(moved).spacings), normals
+        if are_found:
+            turned, _ = normals_by_poles(room, normals, cut_complex(room, normals), rounds=1, axes=axes)
+        trials.append(_trial(moved, turned, room))
+    best = min(_of_most_cuts(trials) if are_found else trials, key=lambda trial: trial.missed)
+    others = tuple(vote for trial in trials if trial is not best for vote in trial.votes)
+    return Widening(best.points, best.normals, others, best is not trials[0])
 
 
-def _missed(complex_: DelaunayComplex, normals: Floats) -> float:
-    """Share of the samples off the surface of a cut, summed over two settings."""
-    return sum(1 - cut_complex(complex_, normals, weights).coverage for weights in CUT_SETTINGS[:2])
+def _of_most_cuts(trials: Sequence[_Trial]) -> list[_Trial]:
+    """Those whose first cut gives the integer that most cuts of all of them give."""
+    counts = Counter(euler for trial in trials for eulers in trial.eulers for euler in eulers)
+    most = max(counts[trial.eulers[0][0]] for trial in trials)
+    return [trial for trial in trials if counts[trial.eulers[0][0]] == most]
+
+
+def _trial(points: Floats, normals: Floats, complex_: DelaunayComplex) -> _Trial:
+    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS[:2]]
+    eulers = tuple(surface_eulers(complex_, cut) for cut in cuts)
+    return _Trial(points, normals, eulers, sum(1 - cut.coverage for cut in cuts))
 
 
 def _shifts(points: Floats, normals: Floats, local: LocalGeometry) -> Iterator[Floats | float]:

@@ -167,6 +167,17 @@ def las(rng: Rng, suffix: str) -> bytes:
         return path.read_bytes()
 
 
+def parquet(rng: Rng) -> bytes:
+    import pyarrow
+    from pyarrow.parquet import write_table
+
+    points, target = _cloud(rng), io.BytesIO()
+    columns = dict(zip(("x", "y", "z", "nx", "ny", "nz"), points.T, strict=False))
+    packing = str(rng.choice(["snappy", "zstd", "none"]))
+    write_table(pyarrow.table(columns), target, row_group_size=int(rng.integers(4, 50)), compression=packing)
+    return target.getvalue()
+
+
 def nifti(rng: Rng) -> bytes:
     import nibabel
 
@@ -260,6 +271,7 @@ FLAT: dict[str, tuple[str, Writer]] = {
     "pcd": ("f.pcd", pcd),
     "las": ("f.las", lambda rng: las(rng, ".las")),
     "laz": ("f.laz", lambda rng: las(rng, ".laz")),
+    "parquet": ("f.parquet", parquet),
     "npy volume": ("f.npy", lambda rng: npy(_volume(rng))),
     "nii": ("f.nii", nifti),
     "nrrd": ("f.nrrd", nrrd),

@@ -16,7 +16,10 @@ from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
 from topokit.errors import InputError, TopokitError
 
-_STORED = (".zarr", ".h5", ".hdf5", ".npy")  # files, or folders, that may hold a volume to be counted block by block
+_STORED = (
+    *(".zarr", ".h5", ".hdf5", ".npy"),  # files, or folders, that may hold a volume to be counted block by block
+    *(".las", ".laz", ".parquet", ".ply", ".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc"),  # or a cloud
+)
 
 
 def examine_each(
@@ -49,7 +52,7 @@ def examine_each(
 
 @dataclass(frozen=True)
 class _WithClient:
-    """The options of a volume whose blocks are counted by a cluster."""
+    """The options of a volume or cloud whose blocks are read by a cluster."""
 
     options: Options
     client: Any
@@ -61,7 +64,7 @@ class _WithClient:
 
 
 def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) -> Generator[tuple[int, list[Answer]]]:
-    """The answers of a cluster: each file by one worker, then each large volume by all of them."""
+    """The answers of a cluster: each file by one worker, then each large volume or cloud by all of them."""
     from topokit.batch.cluster import map_on_cluster
 
     found = [replace(source, path=source.path.absolute()) for source in sources]  # workers may be in other folders
@@ -77,13 +80,16 @@ def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) ->
 
 
 def _is_large(source: Source, questions: Questions) -> bool:
-    """Whether a file is a volume that is counted block by block."""
+    """Whether a file is a volume or cloud that is read block by block."""
     if source.problem is not None or not (source.path.is_dir() or source.path.suffix.lower() in _STORED):
         return False
+    from topokit.adapters.points.large import stored_cloud
     from topokit.adapters.voxels.large import blocks_of
 
     try:
         adapter, options = questions.options(source.path)
+        if adapter == "points":
+            return stored_cloud(source.path, options.get("block_points"), None) is not None
         if adapter != "voxels":
             return False
         return blocks_of(source.path, options.get("dataset"), options.get("block_voxels"), None) is not None

@@ -24,6 +24,7 @@ _TEXTS = {
     "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
     "logits": "Occupancy networks: true if they return log-odds; the level stays a probability.",
     "regularize": "Points: true moves them onto the surface of their winding number.",
+    "block_points": "Points: read block by block, with about so many points in a block.",
     "level": "Volumes and networks: value on the surface.",
     "label": "Volumes: voxels with this label, or with one of several, as 1,2, are the solid.",
     "connectivity": "Volumes: 6 or 26.",

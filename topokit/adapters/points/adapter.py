@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.points.files import read_points
+from topokit.adapters.points.large import FEW, reduced_samples, stored_cloud
 from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
@@ -22,8 +23,6 @@ from topokit.inputs.objects import is_frame, points_of
 from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
-_FEW = 0.01  # share of invalid normals up to which their points are dropped; above it all normals are ignored
-
 
 def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
@@ -32,15 +31,22 @@ def from_points(
     lengths: Tensor | Sequence[int] | None = None,
     n_neighbors: int | None = None,
     regularize: bool = False,
+    block_points: int | None = None,
+    client: Any = None,
 ) -> Shape:
     """A point cloud as a shape.
 
+    A file (.las .laz .parquet .ply .npy and text) or memory map of more than 2²⁴ points is read block by block and
+    never held as a whole. Of each cell of a grid at most one point is kept, two million in all at most, and they are
+    the samples of the shape: `report()` examines them as it does other clouds. Which ones does not depend on the
+    blocks or on who reads them.
+
     Args:
         points: (..., N, 3) tensor or array; a nested tensor of clouds (Nᵢ, 3); a path (.xyz .txt .csv .pwn .npy .npz
-            .ply .pcd .las .laz .e57 .obj); a data frame with columns x, y, z and perhaps nx, ny, nz; or a point cloud
-            of open3d, trimesh, PyTorch3D, PyVista or vedo, with its normals if it has any; or a mesh of these, for its
-            vertices alone. Tensors and objects with `__dlpack__` keep device, memory and floating type (half precision
-            is widened to float32), and tensors their gradient; other arrays become float64.
+            .ply .pcd .las .laz .e57 .parquet .obj); a data frame with columns x, y, z and perhaps nx, ny, nz; or a
+            point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo, with its normals if it has any; or a mesh of
+            these, for its vertices alone. Tensors and objects with `__dlpack__` keep device, memory and floating type
+            (half precision is widened to float32), and tensors their gradient; other arrays become float64.
         normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
             not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
         lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
@@ -48,6 +54,9 @@ def from_points(
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         regularize: whether to take noise out of points and normals by `Shape.regularized`; without normals this finds
             their signs first, which takes as long as a report.
+        block_points: read block by block, whatever the cloud's size, with about so many points in a block. By default
+            2²².
+        client: a `dask.distributed.Client` whose workers read the blocks; by default this process, one by one.
 
     Returns:
         A `Shape`, differentiable in points and normals. Rows that are not finite are dropped on the CPU; the report
@@ -64,16 +73,22 @@ def from_points(
         >>> round(float(tk.from_points(sphere, normals=sphere).euler()))
         2
     """
+    if (stored := stored_cloud(points, block_points, client)) is not None:
+        if normals is not None or lengths is not None:
+            raise InputError(f"{stored.path.name} is read block by block, so normals and lengths cannot be given.")
+        samples, sentences = reduced_samples(stored, block_points, client)
+        shape = Shape(samples, name=stored.path.name, notes=sentences, n_neighbors=n_neighbors)
+        return shape.regularized() if regularize else shape
     name = "points"
     notes: list[str] = []
     if isinstance(points, str | os.PathLike):
         path = existing_file(points)
         with unpacked(path) as plain:
-            name, (points, stored) = path.name, read_points(plain)
-        normals = stored if normals is None else normals
+            name, (points, own_normals) = path.name, read_points(plain)
+        normals = own_normals if normals is None else normals
     elif is_frame(points) or not (is_array(points) or isinstance(points, list | tuple)):
-        points, stored = _of_object(points)
-        normals = stored if normals is None else normals
+        points, own_normals = _of_object(points)
+        normals = own_normals if normals is None else normals
     if is_nested(points) or is_nested(normals):
         points, normals, lengths = _unnested(points, normals, lengths)
     positions = _tensor(points, "points")
@@ -144,7 +159,7 @@ def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tup
     if n_invalid == 0:
         return points, normals
     what = f"{n_invalid} of {len(points)} normals are zero or not finite"
-    if n_invalid > _FEW * len(points):
+    if n_invalid > FEW * len(points):
         notes.append(f"{what}; all normals were ignored.")
         return points, None
     notes.append(f"{what}; their points were dropped.")

@@ -15,17 +15,18 @@ from topokit.plugins.adapter import Adapter
 TEXT = (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc")
 LAS = b"LASF"
 E57 = b"ASTM-E57"
+PARQUET = b"PAR1"
 _END = 1 << 16  # bytes
 _LINES = {letter: re.compile(rb"\n[ \t]*%s[ \t]" % letter) for letter in (b"v", b"f")}  # all but the first line
 
 
 def is_cloud(source: Path) -> bool:
-    """Whether the content is a cloud: a .ply or .obj without faces, NumPy arrays that are no volume, .las or .pcd."""
+    """Whether the content is a cloud: .ply or .obj without faces, arrays that are no volume, .las, .pcd, .parquet."""
     start = head(source)
     if source.name.lower().endswith((".obj", ".obj.gz")):
         return is_obj_cloud(source)
     kinds = ply_kind(start), numpy_kind(source, start)
-    return "points" in kinds or start.startswith((LAS, E57)) or is_pcd(start)
+    return "points" in kinds or start.startswith((LAS, E57, PARQUET)) or is_pcd(start)
 
 
 def is_obj_cloud(path: Path) -> bool:
@@ -50,14 +51,20 @@ def is_pcd(start: bytes) -> bool:
 POINTS = Adapter(
     name="points",
     description="point clouds, with or without normals",
-    suffixes=(*TEXT, ".npy", ".npz", ".ply", ".pcd", ".las", ".laz", ".e57"),
+    suffixes=(*TEXT, ".npy", ".npz", ".ply", ".pcd", ".las", ".laz", ".e57", ".parquet"),
     can_open=is_cloud,
     types=(
         *("trimesh.PointCloud", "pandas.DataFrame", "polars.DataFrame"),
         *("pytorch3d.structures.Pointclouds", "pyvista.PointSet", "vedo.Points"),
     ),
     extra="topokit[formats]",
-    suffix_requires=((".pcd", "pypcd4"), (".las", "laspy"), (".laz", "laspy"), (".e57", "pye57")),
+    suffix_requires=(
+        (".pcd", "pypcd4"),
+        (".las", "laspy"),
+        (".laz", "laspy"),
+        (".e57", "pye57"),
+        (".parquet", "pyarrow"),
+    ),
     differentiable=True,
     opener="topokit.adapters.points.adapter:from_points",
 )

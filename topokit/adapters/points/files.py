@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import E57, LAS, POINTS, TEXT, is_obj_cloud, is_pcd
-from topokit.adapters.points.laz import check_packing, reading_laz
+from topokit.adapters.points.entry import E57, LAS, PARQUET, POINTS, TEXT, is_obj_cloud, is_pcd
+from topokit.adapters.points.las import LasCloud
+from topokit.adapters.points.parquet import ParquetCloud
+from topokit.adapters.points.stored import Cloud, Floats, split, whole
 from topokit.adapters.points.text import read_table
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import ZIP, head
@@ -20,9 +22,6 @@ from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.ply import ply_elements
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
-Floats = NDArray[np.float64]
-Cloud = tuple[Floats, Floats | None]
-_ARRAY_WIDTHS = "(N, 3) for points or (N, 6) for points and normals"
 _INSTALL = 'pip install "topokit[formats]"'
 
 
@@ -53,31 +52,6 @@ def _read_ply(path: Path) -> Cloud:
     if "vertex" not in elements:
         raise ReadError(f"{path} has the elements {', '.join(elements) or 'none'}; 'vertex' was expected.")
     return _from_fields(elements["vertex"], ("nx", "ny", "nz"), path)
-
-
-def _read_las(path: Path) -> Cloud:
-    """LAS and, if laspy has a backend for it, compressed LAZ."""
-    try:
-        import laspy
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .las needs laspy: {_INSTALL}.") from error
-    size = path.stat().st_size
-    n_records = int.from_bytes(head(path)[100:104], "little")
-    require_bytes(path, "points behind its header", int.from_bytes(head(path)[96:100], "little"), size)
-    require_bytes(path, f"{n_records} variable length records", 54 * n_records, size)
-    damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
-    with reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
-        header = file.header
-        if header.are_points_compressed and not laspy.LazBackend.detect_available():
-            raise MissingDependencyError("Reading .laz needs a backend of laspy: pip install lazrs.")
-        needed = header.point_count * header.point_format.size
-        if header.are_points_compressed:
-            require_expansion(path, needed, size)
-            check_packing(path, header)
-        else:
-            require_bytes(path, f"{header.point_count} points", needed, size - header.offset_to_point_data)
-        points = file.read_points(-1)
-        return np.stack((points.x, points.y, points.z), axis=1).astype(np.float64), None
 
 
 def _read_e57(path: Path) -> Cloud:
@@ -143,7 +117,7 @@ def _read_pcd(path: Path) -> Cloud:
 
 def _read_npy(path: Path) -> Cloud:
     array_shapes(path)  # refuses a header that does not fit the file
-    return _split(_numbers(np.load(path, allow_pickle=False), path), path)
+    return split(_numbers(np.load(path, allow_pickle=False), path), path)
 
 
 def _read_npz(path: Path) -> Cloud:
@@ -154,26 +128,12 @@ def _read_npz(path: Path) -> Cloud:
         raise ReadError(f"{path} holds the arrays {', '.join(names)}; one called 'points' was expected.")
     with np.load(path, allow_pickle=False) as archive:
         stored = {name.lower(): name for name in archive.files}
-        positions, normals = _split(_numbers(archive[stored[points]], path), path)
+        positions, normals = split(_numbers(archive[stored[points]], path), path)
         return positions, _numbers(archive[stored["normals"]], path) if "normals" in stored else normals
 
 
 def _read_text(path: Path) -> Cloud:
-    return _split(read_table(path), path)
-
-
-def _split(table: Floats, path: Path) -> Cloud:
-    """Columns x y z, or x y z nx ny nz; further columns (color, intensity) are ignored."""
-    if table.ndim != 2 or table.shape[1] < 3:
-        raise ReadError(f"{path} has shape {table.shape}; {_ARRAY_WIDTHS} was expected.")
-    has_normals = table.shape[1] >= 6 and _are_normals(table[:, 3:6])
-    return np.ascontiguousarray(table[:, :3]), np.ascontiguousarray(table[:, 3:6]) if has_normals else None
-
-
-def _are_normals(columns: Floats) -> bool:
-    """Unit vectors (to 10 %) or zeros: columns 4 to 6 may also be colors."""
-    lengths = np.linalg.norm(columns[np.isfinite(columns).all(axis=1)], axis=1)
-    return len(lengths) > 0 and bool((((lengths > 0.9) & (lengths < 1.1)) | (lengths == 0)).mean() > 0.9)
+    return split(read_table(path), path)
 
 
 def _from_fields(table: NDArray[np.void], normal_names: tuple[str, str, str], path: Path) -> Cloud:
@@ -196,7 +156,8 @@ def _numbers(array: NDArray[np.generic], path: Path) -> Floats:
 # Name, how it is recognized from path and first bytes, reader. The first that fits is taken.
 _FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Cloud]], ...] = (
     ("PLY", lambda _, start: start.startswith(b"ply"), _read_ply),
-    ("LAS", lambda _, start: start.startswith(LAS), _read_las),
+    ("LAS", lambda _, start: start.startswith(LAS), lambda path: whole(LasCloud(path))),
+    ("parquet", lambda _, start: start.startswith(PARQUET), lambda path: whole(ParquetCloud(path))),
     ("NPY", lambda _, start: start.startswith(NUMPY), _read_npy),
     ("NPZ", lambda _, start: start.startswith(ZIP), _read_npz),
     ("PCD", lambda _, start: is_pcd(start), _read_pcd),

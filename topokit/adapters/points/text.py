@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import codecs
+import io
 import itertools
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +17,34 @@ from numpy.typing import NDArray
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 
+Floats = NDArray[np.float64]
+
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?,?")
 _COMMAS_INSIDE = re.compile(r"[-+]?\d+(,\d+)*(\.\d*)?([eE][-+]?\d+)?,?")
 _LOOKED_AT = 1000  # rows from which the separators are found
+_BYTES = 1 << 26  # of text that are read at once
 _COLORS = 255
 _ADVICE = "Write numbers with decimal points and separate them by blanks, or write decimal commas and separate by ';'."
 
 
-def read_table(path: Path) -> NDArray[np.float64]:
-    """The numbers at the beginning of each row, as many as the first row has, at most six.
+class Layout(NamedTuple):
+    """Where the rows of a table of text begin (in bytes), which of their columns are read, and what a line becomes."""
+
+    start: int
+    columns: tuple[int, ...]
+    normalized: Callable[[str], str]
+
+
+def read_table(path: Path) -> Floats:
+    """The numbers at the beginning of each row, as many as the first row has, at most six; see `layout_of`."""
+    layout, size = layout_of(path), path.stat().st_size
+    parts = [read_rows(path, layout, (at, at + _BYTES)) for at in range(layout.start, size, _BYTES)]
+    return np.concatenate(parts)
+
+
+def layout_of(path: Path) -> Layout:
+    """How a table of text is read.
 
     Columns are separated by blanks, commas or semicolons. A comma inside a number is a decimal sign where blanks or
     semicolons separate ("1,5 2,5 3,5"). A header or a count line may come first; # begins a comment.
@@ -32,15 +54,29 @@ def read_table(path: Path) -> NDArray[np.float64]:
     """
     beginning = head(path).decode("utf-8-sig", errors="replace").splitlines()
     normalized = _normalizer(list(itertools.islice(_rows(beginning, _commas_as_blanks), _LOOKED_AT)), path)
-    with path.open(encoding="utf-8-sig") as file:
-        lines = _rows(file, normalized)
-        first = next(lines, None)
-        if first is None:
-            raise ReadError(f"{path} holds no row of at least three numbers.")
-        n_numbers = len(list(itertools.takewhile(_NUMBER.fullmatch, normalized(first).split())))
-        columns = range(min(n_numbers, 6))
-        rest = (normalized(line.partition("#")[0]) for line in file)
-        return np.loadtxt(itertools.chain([normalized(first)], rest), usecols=columns, ndmin=2)
+    at = len(codecs.BOM_UTF8) if head(path, len(codecs.BOM_UTF8)) == codecs.BOM_UTF8 else 0
+    with path.open(encoding="utf-8-sig", newline="") as file:  # with line ends as they are, whose bytes count
+        for line in file:
+            for content in _rows([line], normalized):
+                n_numbers = len(list(itertools.takewhile(_NUMBER.fullmatch, normalized(content).split())))
+                return Layout(at, tuple(range(min(n_numbers, 6))), normalized)
+            at += len(line.encode())
+    raise ReadError(f"{path} holds no row of at least three numbers.")
+
+
+def read_rows(path: Path, layout: Layout, block: tuple[int, int]) -> Floats:
+    """The rows (n, c) of those lines that begin in a block of bytes, given by its first and last + 1."""
+    with path.open("rb") as file:
+        file.seek(block[0])
+        if block[0] > layout.start:  # the rest of a line that began before
+            file.seek(block[0] - 1)
+            file.readline()
+        content = file.read(max(0, block[1] - file.tell()))
+        content += b"" if not content or content.endswith(b"\n") else file.readline()
+    text = io.StringIO(layout.normalized(content.decode("utf-8")), newline=None)  # any line ends
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "loadtxt: input contained no data", UserWarning)
+        return np.loadtxt(text, usecols=layout.columns, ndmin=2).reshape(-1, len(layout.columns))
 
 
 def holds_rows(path: Path) -> bool:

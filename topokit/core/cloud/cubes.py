@@ -152,16 +152,16 @@ class CubeHierarchy:
             return _Level(first, last, parent, self._turn(rows, offset, count), axis, sheets)
         points = self._points[rows]
         points -= (np.add.reduceat(points, offset, axis=0) / count[:, None])[cube]
-        whole = _moments(points, np.ones(len(rows)), offset)
+        whole = moments(points, np.ones(len(rows)), offset)
         if self._normals is None or not self._by_sheet:
-            thickness = _thickness(whole)
+            thickness = thickness_of(whole)
         else:
             normals = self._normals[rows]
             axis = np.add.reduceat(normals * normals, offset, axis=0).argmax(1)
             front = self._sheet(rows, axis[cube])
-            one = _moments(points, front.astype(np.float64), offset)
+            one = moments(points, front.astype(np.float64), offset)
             other = whole - one
-            thickness = np.maximum(_thickness(one), _thickness(other))
+            thickness = np.maximum(thickness_of(one), thickness_of(other))
             sheets = (one[:, 0] > 0).astype(np.int64) + (other[:, 0] > 0)
         thickness[thickness <= _NOISE_FACTOR * self._noise] = 0
         return _Level(first, last, parent, thickness / side + _EVEN * side / self._extent, axis, sheets)
@@ -215,20 +215,20 @@ def _rows(first: Integers, last: Integers) -> tuple[Integers, Integers]:
     return np.arange(len(cube)) + (first - (np.cumsum(count) - count))[cube], cube
 
 
-def _moments(points: Floats, weight: Floats, offset: Integers) -> Floats:
+def moments(points: Floats, weight: Floats, offset: Integers) -> Floats:
     """Sums of w, w x, and w x xᵀ over consecutive rows, (C, 10)."""
     columns = [weight] + [weight * points[:, a] for a in range(3)]
     columns += [columns[1 + a] * points[:, b] for a in range(3) for b in range(a, 3)]
     return np.stack([np.add.reduceat(column, offset) for column in columns], axis=1)
 
 
-def _thickness(moments: Floats) -> Floats:
+def thickness_of(sums: Floats) -> Floats:
     """Root-mean-square distance from the best plane, (C,); zero for fewer than four points."""
-    count = np.maximum(moments[:, 0], 1)[:, None]
-    mean = moments[:, 1:4] / count
-    covariance = np.empty((len(moments), 3, 3))
+    count = np.maximum(sums[:, 0], 1)[:, None]
+    mean = sums[:, 1:4] / count
+    covariance = np.empty((len(sums), 3, 3))
     pairs = [(a, b) for a in range(3) for b in range(a, 3)]
     for column, (a, b) in enumerate(pairs, start=4):
-        covariance[:, a, b] = covariance[:, b, a] = moments[:, column] / count[:, 0] - mean[:, a] * mean[:, b]
+        covariance[:, a, b] = covariance[:, b, a] = sums[:, column] / count[:, 0] - mean[:, a] * mean[:, b]
     thickness = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, 0], 0))
-    return np.where(moments[:, 0] >= _FEWEST, thickness, 0.0)
+    return np.where(sums[:, 0] >= _FEWEST, thickness, 0.0)

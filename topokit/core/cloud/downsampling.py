@@ -82,6 +82,7 @@ def distinct(points: Floats) -> tuple[Integers, Integers]:
     """Indices of the first point at each position, ascending, and for every point (N,) its position in that list."""
     factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
     bits = (points + 0.0).view(np.uint64)  # −0 becomes 0
+    bits ^= bits >> np.uint64(32)  # single precision leaves the lower half empty, and products with it
     _, first, group = np.unique((bits * factors).sum(1), return_index=True, return_inverse=True)
     if not (points[first[group]] == points).all():  # two positions with one hash
         _, first, group = np.unique(points, axis=0, return_index=True, return_inverse=True)

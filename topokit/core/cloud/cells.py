@@ -31,7 +31,7 @@ _WINDOW = float(1 << 20)  # cells along each axis that have a key by their place
 _FAR = np.uint64(1 << 63)
 _DIRECTIONS = np.uint64(6)  # that a normal may have: of two sheets in one cell a point each is kept
 _LOOKED_AT = 10_000  # points by which the middle and a first guess are found
-_ROWS = 1 << 15  # points whose keys are made at once: they stay in the cache
+_ROWS = 1 << 13  # points whose keys are made at once: 64 KiB stay in the cache, and under what Dask lets workers keep
 _FACTORS = (
     *(0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9),
     *(0xD6E8FEB86659FD93, 0xA0761D6478BD642F, 0xFF51AFD7ED558CCD),
@@ -89,11 +89,16 @@ def joined(parts: Sequence[Cells], most: int) -> Cells:
     normals = [part.normals for part in parts if part.normals is not None]
     whole = Cells(
         max(part.exponent for part in parts),
-        np.concatenate([part.points for part in parts]) + 0.0,  # −0 becomes 0
-        np.concatenate(normals) + 0.0 if normals else None,
+        _without_negative_zeros(np.concatenate([part.points for part in parts])),
+        _without_negative_zeros(np.concatenate(normals)) if normals else None,
         np.concatenate([part.count for part in parts]),
     )
     return _one_per_cell(replace(whole, exponent=_exponent(whole, most)))
+
+
+def _without_negative_zeros(values: Floats) -> Floats:
+    values += 0.0  # in place: −0 becomes 0, which mixes to one number
+    return values
 
 
 def _one_per_cell(cells: Cells) -> Cells:

@@ -95,7 +95,7 @@ def column_table(name: str, options: Options, by_area: bool = False, share: floa
     where = "by area" if by_area else "in both angles"
     table = Table(
         f"Column {name}: {column.text}, {round(share * column.n_points)} points uniform {where}",
-        ["method", "K max", "K mean", "K median", "H max", "H mean", "χ", "seconds", "paper: K max, mean", "H", "χ"],
+        ["method", "K max", "K mean", "K median", "H max", "H mean", "χ", "CPU s", "paper: K max, mean", "H", "χ"],
     )
     is_large = column.n_points > FEW
     k_values = (K,) if by_area or is_large or options.quick else (K, 20, 50)

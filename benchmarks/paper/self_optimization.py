@@ -29,7 +29,7 @@ def curves(options: Options) -> dict[str, tuple[Refinement, float]]:
 
 def tables(options: Options) -> list[Table]:
     """χ after some steps."""
-    table = Table(f"χ of a cloud of genus 3, target {TARGET:g}", ["way", *(f"step {n}" for n in SHOWN), "seconds"])
+    table = Table(f"χ of a cloud of genus 3, target {TARGET:g}", ["way", *(f"step {n}" for n in SHOWN), "CPU s"])
     for name, (found, seconds) in curves(options).items():
         values = found.history.tolist()
         cells = [f"{values[n]:.4f}" if n < len(values) else "–" for n in SHOWN]

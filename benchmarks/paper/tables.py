@@ -27,7 +27,7 @@ class Options:
         every: takes every n-th of the clean meshes of the data.
         part: of `topology` "rows", "clean" or "noisy" for the meshes of the data; of `study` "peers", "normals" or
             "density"; of `time` "one-thread" or "many-neighbors"; or "all".
-        rows: names of rows of Table II; empty means all.
+        rows: names of rows of Table II, in the order wanted; empty means all.
     """
 
     seeds: int

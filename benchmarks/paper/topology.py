@@ -145,7 +145,9 @@ PARTS = ("rows", "clean", "noisy")
 def tables(options: Options) -> list[Table]:
     """Table II, the paper's numbers scored again, and all clean meshes of the data."""
     torch.manual_seed(0)  # nothing here draws from it, but MeshLab's and Open3D's bindings may
-    rows = [row for row in shapes.rows(options.data, options.thingi10k) if not options.rows or row.name in options.rows]
+    rows = list(shapes.rows(options.data, options.thingi10k))
+    if options.rows:
+        rows = sorted((row for row in rows if row.name in options.rows), key=lambda row: options.rows.index(row.name))
     if options.quick:  # meshes of networks take half a minute each
         rows = [row for row in rows if row.kind != "B" and row.name != "Bunny"]
     found = [] if options.part in ("clean", "noisy") else [*row_tables(options, rows), paper_score()]

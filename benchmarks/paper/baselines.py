@@ -210,6 +210,6 @@ def longest_plateau(found: list[tuple[int, float]]) -> int | None:
 
 
 def nearest_plateau(found: list[tuple[int, float]], euler: int) -> int | None:
-    """The value nearest to the true χ among those held while α grows by 2 %: what no rule can surpass."""
+    """The value nearest to the true χ among those held while α grows by 2 %: the best that picking an α can do."""
     held = [value for value, length in found if length > math.log(_HELD)]
     return min(held, key=lambda value: abs(value - euler)) if held else None

@@ -194,11 +194,10 @@ def _with_more_room(look: Look, local: LocalGeometry, found: Orientation | None,
     best = _widened(look, local, found, axes)
     if not (best.is_shifted or found):
         return look
-    room = local_geometry(best.points)
-    complex_, areas = delaunay_complex(best.points, room.spacings), compatible_areas(best.normals, room)
-    votes, _, cut = gather_votes(best.points, best.normals, room, areas, complex_)
+    areas = compatible_areas(best.normals, best.local)
+    votes, _, cut = gather_votes(best.points, best.normals, best.local, areas, best.complex_)
     votes += best.others if found else ()
-    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=best.is_shifted)
+    return replace(look, votes=votes, cut=cut, complex_=best.complex_, is_widened=best.is_shifted)
 
 
 def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
@@ -233,15 +232,17 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
 
 
 def _with_samples_shifted(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Look:
-    """The same with the cuts of shifted samples; what half of them and the fields show stays."""
+    """The same with the cuts of shifted samples; what half of them and the fields show stays.
+
+    Where no shift is better, the normals stay as well: signs at full density are better than those of poles of samples.
+    """
     best = _widened(look, local, found, axes)
-    if not (best.is_shifted or found):
-        return look
-    complex_ = delaunay_complex(best.points, local_geometry(best.points).spacings)
-    cuts, cut = cut_votes(complex_, best.normals)
+    doubts = best.others if found else ()
+    if not best.is_shifted:
+        return replace(look, votes=look.votes + doubts)
+    cuts, cut = cut_votes(best.complex_, best.normals)
     stay = tuple(vote for vote in look.votes if vote.family != "cut")
-    votes = (*cuts, *stay, *(best.others if found else ()))
-    return replace(look, votes=votes, cut=cut, complex_=complex_, is_widened=best.is_shifted)
+    return replace(look, votes=(*cuts, *stay, *doubts), cut=cut, complex_=best.complex_, is_widened=True)
 
 
 def _widened(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Widening:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +38,16 @@ class Widening:
     Attributes:
         points: (N, 3), shifted positions.
         normals: (N, 3), unit, outward; corrected if they were found.
+        local: neighborhoods of these positions.
+        complex_: their tetrahedra.
         others: votes of the positions that were not taken.
         is_shifted: whether the positions differ from those given.
     """
 
     points: Floats
     normals: Floats
+    local: LocalGeometry
+    complex_: DelaunayComplex
     others: tuple[Vote, ...]
     is_shifted: bool
 
@@ -53,6 +58,8 @@ class _Trial:
 
     points: Floats
     normals: Floats
+    local: LocalGeometry
+    complex_: DelaunayComplex
     eulers: tuple[tuple[int, ...], ...]
     missed: float
 
@@ -80,29 +87,31 @@ def widened(
         are_found: whether the normals were found rather than given; then every shift corrects them.
         axes: (N, 3), unit normals of arbitrary sign, where known; then only signs are corrected.
     """
-    trials = [_trial(points, normals, complex_)]
+    trials = [_trial(points, normals, local, complex_)]
     for shift in _shifts(points, normals, local):
         moved = points + (shift * local.spacings)[:, None] * normals
-        room, turned = delaunay_complex(moved, local_geometry(moved).spacings), normals
+        around = local_geometry(moved)
+        room, turned = delaunay_complex(moved, around.spacings), normals
         if are_found:
             turned, _ = normals_by_poles(room, normals, cut_complex(room, normals), rounds=1, axes=axes)
-        trials.append(_trial(moved, turned, room))
+        trials.append(_trial(moved, turned, around, room))
     best = min(_of_most_cuts(trials) if are_found else trials, key=lambda trial: trial.missed)
     others = tuple(vote for trial in trials if trial is not best for vote in trial.votes)
-    return Widening(best.points, best.normals, others, best is not trials[0])
+    return Widening(best.points, best.normals, best.local, best.complex_, others, best is not trials[0])
 
 
 def _of_most_cuts(trials: Sequence[_Trial]) -> list[_Trial]:
-    """Those whose first cut gives the integer that most cuts of all of them give."""
+    """Of those whose own cuts agree, those with the integer that most cuts of all give; the first if there is none."""
     counts = Counter(euler for trial in trials for eulers in trial.eulers for euler in eulers)
-    most = max(counts[trial.eulers[0][0]] for trial in trials)
-    return [trial for trial in trials if counts[trial.eulers[0][0]] == most]
+    steady = [trial for trial in trials if len(set(chain(*trial.eulers))) == 1]
+    most = max((counts[trial.eulers[0][0]] for trial in steady), default=0)
+    return [trial for trial in steady if counts[trial.eulers[0][0]] == most] or [trials[0]]
 
 
-def _trial(points: Floats, normals: Floats, complex_: DelaunayComplex) -> _Trial:
+def _trial(points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> _Trial:
     cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS[:2]]
     eulers = tuple(surface_eulers(complex_, cut) for cut in cuts)
-    return _Trial(points, normals, eulers, sum(1 - cut.coverage for cut in cuts))
+    return _Trial(points, normals, local, complex_, eulers, sum(1 - cut.coverage for cut in cuts))
 
 
 def _shifts(points: Floats, normals: Floats, local: LocalGeometry) -> Iterator[Floats | float]:

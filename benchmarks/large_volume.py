@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 import topokit as tk
 from topokit.adapters.voxels.counting import BlockCount, Solid
-from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import IndexedVolume
 from topokit.core.blocks.division import Box, Division
+from topokit.core.blocks.reduction import reduced
 
 PERIOD = 128
 TUNNEL, CAVITY, BALL = 20, 14, 7  # radii in voxels
@@ -97,7 +97,7 @@ def measure(path: Path, n_workers: int, block: int) -> None:
         before = max(client.run(peak_memory).values())
         division = Division.of(stored.chunks, block**3)
         cpu, started = cpu_seconds(client), time.perf_counter()
-        assert reduced(stored, division, size_of, add, client, int) == stored.n_voxels
+        assert reduced(division, stored.at, size_of, add, client, int) == stored.n_voxels
         reading, reading_cpu = time.perf_counter() - started, cpu_seconds(client) - cpu
         cpu, started = cpu_seconds(client), time.perf_counter()
         report = tk.from_voxels(stored._array, level=100, block_voxels=block**3, client=client).report()

@@ -32,7 +32,8 @@ CORE_FLOORS = [
     | {"components", "labels", "draws", "processors", "threads", "surface", "loops", "stages"}
     | {"device_neighbors", "jacobi", "kd_order", "residence", "selection"},
     {"local", "grid"},
-    {"cloud", "mesh", "implicit", "homotopy", "blocks"},
+    {"cloud", "mesh", "homotopy", "blocks"},
+    {"implicit"},
     {"handles"},
 ]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "potpourri3d", "rich", "typer")

@@ -102,7 +102,8 @@ def test_hard_occupancy_without_a_gradient() -> None:
 def refined_and_full(f: Evaluate, n_cells: int) -> tuple[AdaptiveField, AdaptiveField]:
     """Two refinements of a grid, and the grid of the same step evaluated at every vertex."""
     coarse = dense_field(f, Grid.covering(*BOX, n_cells))
-    return refine_grid(refine_grid(coarse, f), f), dense_field(f, Grid.covering(*BOX, 4 * n_cells))
+    fine = refine_grid(refine_grid(coarse, f).field, f).field
+    return fine, dense_field(f, Grid.covering(*BOX, 4 * n_cells))
 
 
 def test_only_a_part_of_the_grid_is_evaluated_and_nothing_changes() -> None:
@@ -139,7 +140,7 @@ def test_convergence_needs_agreement_of_grids_connectivities_and_shifted_levels(
     assert [count.n_cells for count in clear.counts] == [16, 32, 64]
     assert [(count.euler_26, count.euler_6) for count in clear.counts] == [(0, 0)] * 3
     assert (clear.euler, clear.has_converged, set(clear.shifted_eulers)) == (0, True, {0})
-    assert (clear.field.grid.n_cells, clear.n_vertices) == (16, 65**3)
+    assert (clear.shown.n_cells, clear.n_vertices) == (16, 65**3)
 
     def grazing(x: Tensor) -> Tensor:  # a second ball, whose top is a fiftieth of a cell above the level
         return torch.maximum(0.4 - x.norm(dim=1), 0.02 / 32 - (x - 0.75).norm(dim=1))
@@ -251,7 +252,7 @@ def test_progress_is_shown_on_terminals_after_a_while(
 def test_progress_counts_the_points_of_each_grid() -> None:
     heard: list[tuple[int, int, int]] = []
     coarse = dense_field(torus, Grid.covering(*BOX, 64))
-    fine = refine_grid(coarse, torus, lambda grid, done, total: heard.append((grid.n_cells, done, total)))
+    fine = refine_grid(coarse, torus, lambda grid, done, total: heard.append((grid.n_cells, done, total))).field
     assert {n_cells for n_cells, _, _ in heard} == {128}
     assert sum(done for _, done, total in heard if done == total) == fine.n_evaluations - coarse.n_evaluations
     assert len(heard) > 1

@@ -6,6 +6,7 @@ import math
 import os
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import torch
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import dense_field
+from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
@@ -28,6 +30,7 @@ from topokit.shape import Shape
 _UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 _SEARCH_CELLS = 32  # of the grids on which bounds are searched
 _DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
+_NEEDS_NUMBA = 2048  # cells of the first grid of which a settled count may be shown on a grid that is not kept
 _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes are recognized
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
@@ -43,11 +46,14 @@ def from_sdf(
     starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> Shape:
     """The surface {f = level} of a function that is lower inside, such as a signed distance network.
 
     f need not be a distance: only its sign is used, and where it may change. Everything is computed when it is first
-    asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface.
+    asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface, those
+    of more than 256 cells block by block, in memory that does not depend on the resolution.
     `euler()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
     whatever f was computed from; samples move along their normals (implicit function theorem). f must not change in
     between; but `smoothed_euler()` and the losses evaluate it anew in every call, so that one shape serves them for a
@@ -64,7 +70,7 @@ def from_sdf(
             times while the surface touches it; if that does not help, [−1, 1]³.
         level: value of f on the surface.
         resolution: cells along the longest side of the finest grid of `report()`, at least 128; each doubling costs
-            about four times as many evaluations.
+            about four times as many evaluations. 2048 and more need numba.
         n_samples: number of samples.
         field_resolution: cells along the longest side of the field's own grid, which is evaluated everywhere.
         starts: (N, 3) points near the surface, such as the samples of the last training step. They become the samples,
@@ -73,9 +79,13 @@ def from_sdf(
             starts are not seen, and the samples grow uneven: leave starts out now and then.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
+        block_voxels: grid points in a block, at most; by default 2²¹.
+        client: a `dask.distributed.Client` whose workers evaluate the blocks, to which f is sent; by default this
+            process, one by one.
 
     Raises:
         ReadError: if a file is missing, malformed, or a pickle.
+        MissingDependencyError: if numba is needed and not installed.
         InputError: if f returns the wrong shape or NaN, has no level set in the box, or has the sign of an occupancy;
             or if the box, the level, a resolution or n_samples is not usable.
 
@@ -85,7 +95,9 @@ def from_sdf(
         2
     """
     name, function = _name_and_function(f, "sdf", "from_sdf")
-    settings = _Settings(bounds, level, resolution, n_samples, field_resolution, starts, n_neighbors, generator)
+    blocks = _blocks(block_voxels, client)
+    sizes = resolution, n_samples, field_resolution
+    settings = _Settings(bounds, level, *sizes, starts, n_neighbors, generator, blocks)
     return _shape(name, function, -1, settings)
 
 
@@ -101,6 +113,8 @@ def from_occupancy(
     starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    block_voxels: int | None = None,
+    client: Any = None,
 ) -> Shape:
     """The surface {f = level} of a function that is higher inside, such as an occupancy network.
 
@@ -116,9 +130,11 @@ def from_occupancy(
         starts: as for `from_sdf`.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: as for `from_sdf`.
+        block_voxels: as for `from_sdf`.
+        client: as for `from_sdf`.
 
     Raises:
-        ReadError, InputError: as for `from_sdf`.
+        ReadError, MissingDependencyError, InputError: as for `from_sdf`.
 
     Example:
         >>> import topokit as tk
@@ -128,8 +144,16 @@ def from_occupancy(
     """
     name, function = _name_and_function(f, "occupancy", "from_occupancy")
     on_surface = _log_odds(level) if logits else level
-    settings = _Settings(bounds, on_surface, resolution, n_samples, field_resolution, starts, n_neighbors, generator)
+    blocks = _blocks(block_voxels, client)
+    sizes = resolution, n_samples, field_resolution
+    settings = _Settings(bounds, on_surface, *sizes, starts, n_neighbors, generator, blocks)
     return _shape(name, function, 1, settings)
+
+
+def _blocks(block_voxels: int | None, client: Any) -> Blocks:
+    if block_voxels is not None and block_voxels < 1:
+        raise InputError(f"block_voxels must be at least 1, not {block_voxels}.")
+    return Blocks(client=client) if block_voxels is None else Blocks(block_voxels, client)
 
 
 def _log_odds(probability: float) -> float:
@@ -154,12 +178,15 @@ class _Settings:
     starts: Tensor | ArrayLike | None
     n_neighbors: int | None
     generator: torch.Generator | None
+    blocks: Blocks
 
     def __post_init__(self) -> None:
         if not isinstance(self.level, Real) or not math.isfinite(self.level):
             raise InputError(f"level must be a finite number, got {self.level!r}.")
         if self.resolution < 2 * COARSEST:
             raise InputError(f"resolution is {self.resolution}; it must be at least {2 * COARSEST}.")
+        if self.resolution >= _NEEDS_NUMBA:
+            import topokit.core.implicit.block_components  # noqa: F401  (says now if numba is missing, not at the end)
         if self.field_resolution < 8:
             raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
         check_sample_count(self.n_samples, given_or_default(self.n_neighbors))
@@ -175,7 +202,8 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     seed = deferred_seed(settings.generator)
     starts = None if settings.starts is None else _as_starts(settings.starts)
-    surface = ImplicitSurface(function, bounds, settings.resolution, settings.n_samples, seed, starts)
+    sizes = settings.resolution, settings.n_samples
+    surface = ImplicitSurface(function, bounds, *sizes, seed, settings.blocks, starts)
     field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
     return Shape(
         surface.samples,

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -56,6 +58,20 @@ class LevelFunction:
                 "a division by zero or a root of a negative number there, or for weights that are NaN."
             )
         return values
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process; TorchScript cannot be pickled, but writes itself into a file."""
+        if not isinstance(self.f, torch.jit.ScriptModule):
+            return vars(self)
+        torch.jit.save(self.f, file := io.BytesIO())
+        return {**vars(self), "f": None, "script": file.getvalue()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """The function in another process."""
+        script = state.pop("script", None)
+        vars(self).update(state)
+        if script is not None:
+            self.f = torch.jit.load(io.BytesIO(script), map_location=self.device)
 
     def without_graph(self, points: Tensor) -> Tensor:
         """Values (N,), detached."""

@@ -10,13 +10,14 @@ from torch import Tensor
 
 from topokit.adapters.implicit.function import LevelFunction, outward_normals, uncompiled
 from topokit.adapters.implicit.progress import progress_bar
-from topokit.core.components import Corner
+from topokit.core.components import Corner, CountedComponents
 from topokit.core.grid.components import grid_surfaces
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
 from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
-from topokit.core.implicit.convergence import convergence_study
+from topokit.core.implicit.blockwise import Blocks
+from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
 from topokit.core.implicit.level_set import area_weighted_starts, edge_crossings, implicit_point, project
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
@@ -26,6 +27,7 @@ from topokit.report.report import CountedAnswer
 
 Bounds = tuple[Corner, Corner]
 COARSEST = 64  # cells of the grid that is evaluated at every vertex
+_MOST_CELLS = 512  # along the longest side of a grid that is held in memory
 _DRAWS = 4  # at most, of samples where projection has failed
 
 
@@ -38,6 +40,7 @@ class ImplicitSurface:
         resolution: cells along the longest side of the finest grid for counting.
         n_samples: number of samples.
         seed: of the samples.
+        blocks: how grids that are too large for memory are divided.
         starts: (N, 3), from which samples are found instead of from a grid; None for the grid.
     """
 
@@ -48,6 +51,7 @@ class ImplicitSurface:
         resolution: int,
         n_samples: int,
         seed: int,
+        blocks: Blocks,
         starts: Tensor | None = None,
     ) -> None:
         self.function = function
@@ -56,6 +60,7 @@ class ImplicitSurface:
         self.n_samples = n_samples
         self.seed = seed
         self.starts = starts
+        self.blocks = blocks
         self._coarsest: AdaptiveField | None = None
         self._n_cells: int | None = None  # of the grid that shows the answer
 
@@ -79,7 +84,7 @@ class ImplicitSurface:
     def _projected_points(self) -> tuple[Tensor, Tensor]:
         """Points on the zero set, and the grid's normals there; points whose projection fails are drawn again."""
         with progress_bar(self.function.name, 2 * COARSEST) as progress:
-            field = refine_grid(self._coarsest_field(progress), self.function.without_graph, progress)
+            field = refine_grid(self._coarsest_field(progress), self.function.without_graph, progress).field
         generator = torch.Generator().manual_seed(self.seed)
         kept: list[tuple[Tensor, Tensor]] = []
         missing = self.n_samples
@@ -119,10 +124,18 @@ class ImplicitSurface:
         started = time.perf_counter()
         with progress_bar(self.function.name, self.resolution) as progress:
             coarsest = self._coarsest_field(progress)
-            study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress)
-        self._n_cells = study.field.grid.n_cells
-        components = grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.field.grid)
+            study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress, self.blocks)
+        self._n_cells = study.shown.n_cells
+        components = self._components(study)
         return function_answer(study, components, *self.bounds, time.perf_counter() - started)
+
+    def _components(self, study: ConvergenceStudy) -> CountedComponents:
+        """The closed surfaces on the grid that shows the answer."""
+        if study.field is not None:
+            return grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.shown)
+        from topokit.core.implicit.block_components import components_in_blocks  # imports numba
+
+        return components_in_blocks(study.known, DEFAULT_CONNECTIVITY, self.blocks)
 
     def triangles(self) -> TriangleSurface:
         """The zero set as triangles on the coarsest grid that shows the counted integer, its vertices on the zero set.
@@ -130,14 +143,19 @@ class ImplicitSurface:
         The grid is evaluated again: kept in memory it would cost more than the surface.
 
         Raises:
-            InputError: as for `samples`.
+            InputError: as for `samples`; or if that grid is too large for memory.
         """
         if self._n_cells is None:
             self.answer()
+        if (self._n_cells or COARSEST) > _MOST_CELLS:
+            raise InputError(
+                f"the surface of {self.function.name} is seen only on a grid of {self._n_cells} cells, and triangles "
+                f"are made on at most {_MOST_CELLS}: pass bounds around a part of it."
+            )
         with progress_bar(self.function.name, self._n_cells or COARSEST) as progress:
             field = self._coarsest_field(progress)
             while field.grid.n_cells != self._n_cells:
-                field = refine_grid(field, self.function.without_graph, progress)
+                field = refine_grid(field, self.function.without_graph, progress).field
         locate = partial(edge_crossings, self.function.without_graph)
         return level_surface(field.values, field.grid, DEFAULT_CONNECTIVITY, locate)
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.field import Labels, listed
-from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box, Division
-from topokit.core.blocks.part import Part, count_part, join_parts
+from topokit.core.blocks.part import Part, background_around, count_part, join_parts
+from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
 from topokit.errors import InputError
@@ -130,15 +130,11 @@ class BlockCount:
         """
         values = np.asarray(source() if callable(source) else source)
         is_dual = self.solid.connectivity == 26
-        x, y, z = (start + (start > 0) for start, _ in block)  # in the volume with a layer of background around it
-        n_x, n_y, n_z = (n + 2 for n in self.shape)
-        ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, self.shape, strict=True)]
-        is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), is_dual)
-        inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
-        labels = self.solid.mark(values, inner)
+        marked = background_around(block, self.shape, self.solid.connectivity)
+        labels = self.solid.mark(values, marked.inner)
         if is_dual:
-            np.logical_not(inner, out=inner)
-        part = count_part(is_six, (x, y, z), (n_x, n_y, n_z))
+            np.logical_not(marked.inner, out=marked.inner)
+        part = count_part(marked.is_six, marked.place, marked.shape)
         is_empty = bool((part.is_six == is_dual).all())
         return Found(part, self._seen(values, is_empty)._replace(labels=labels))
 
@@ -173,7 +169,7 @@ def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, gri
     """
     started = time.perf_counter()
     count = BlockCount(solid, grid.shape).count
-    found = reduced(volume, division, count, joined, client, without_faces)
+    found = reduced(division, volume.at, count, joined, client, without_faces)
     counted = counted_volume(found.part, solid.connectivity, grid)
     notes = solid.check(found.seen, is_empty=not counted.n_inside)
     return volume_answer(counted, solid.connectivity, time.perf_counter() - started, notes)

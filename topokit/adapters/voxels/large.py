@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.field import Labels, listed
-from topokit.adapters.voxels.reduction import reduced
 from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
+from topokit.core.blocks.reduction import reduced
 from topokit.core.components import Corner
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.labels import Box as LabelBox
@@ -55,7 +55,7 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
 def labels_in_blocks(blocks: Blocks) -> dict[int, LabelBox]:
     """The box of every label of a volume, as `label_boxes` finds it in memory."""
     volume = blocks.volume
-    found = reduced(volume, blocks.division, _boxes_in_block, _joined_boxes, blocks.client, dict)
+    found = reduced(blocks.division, volume.at, _boxes_in_block, _joined_boxes, blocks.client, dict)
     return {label: widened(box, volume.shape) for label, box in sorted(found.items())}
 
 

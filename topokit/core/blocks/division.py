@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, pairwise, product
 from math import prod
 from typing import TypeVar
 
@@ -46,6 +46,21 @@ class Division:
         x, y, z = (_cuts(lengths, side) for lengths, side in zip(chunks, sides, strict=True))
         return cls((x, y, z))
 
+    @classmethod
+    def even(cls, shape: Sequence[int], most_voxels: int) -> Division:
+        """Nearly cubic blocks of nearly equal size, of a volume that is stored nowhere.
+
+        Args:
+            shape: of the volume.
+            most_voxels: in a block.
+        """
+        n_blocks = [1, 1, 1]
+        while prod(-(-n // k) for n, k in zip(shape, n_blocks, strict=True)) > most_voxels:
+            longest = max(range(3), key=lambda axis: shape[axis] / n_blocks[axis])
+            n_blocks[longest] += 1
+        x, y, z = (tuple(n * i // k for i in range(k + 1)) for n, k in zip(shape, n_blocks, strict=True))
+        return cls((x, y, z))
+
     @property
     def shape(self) -> Triple:
         """Of the volume."""
@@ -56,6 +71,11 @@ class Division:
     def n_blocks(self) -> int:
         """Blocks in all."""
         return prod(len(cuts) - 1 for cuts in self.cuts)
+
+    @property
+    def boxes(self) -> list[Box]:
+        """First and last + 1 voxel of every block."""
+        return [(x, y, z) for x, y, z in product(*map(pairwise, self.cuts))]
 
     def reduce(self, count: Callable[[Box], Found], join: Callable[[Found, Found, int], Found]) -> Found:
         """Count every block and join what was found, two neighbors at a time, until one is left.

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.blocks.cubes import cube_tables
+from topokit.core.blocks.division import Box, Triple
 from topokit.core.blocks.planes import gather_nodes, join_planes, label_plane, number_roots, write_dense, write_runs
 from topokit.errors import InputError
 
 Bools = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
-Triple = tuple[int, int, int]
 
 NODE_COLUMNS = ("size", "first", "low x", "low y", "low z", "high x", "high y", "high z")
 """Of a region: number of voxels, flat index of the first one in the volume, and the box (first and last + 1)."""
@@ -107,6 +107,38 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
         faces[2].low[x], faces[2].high[x] = dense[:, 0], dense[:, -1]
         before, runs = runs, before
     return forest.part(faces)
+
+
+class Marked(NamedTuple):
+    """The voxels of a block, and the layer of background beyond each face that it shares with the volume.
+
+    Attributes:
+        is_six: (X, Y, Z), whether a voxel is in the 6-connected phase, with that layer.
+        inner: the block itself in it.
+        place: position of the first voxel in the volume with a layer of background around it.
+        shape: of that.
+    """
+
+    is_six: Bools
+    inner: Bools
+    place: Triple
+    shape: Triple
+
+
+def background_around(block: Box, shape: Triple, connectivity: int) -> Marked:
+    """Room for the voxels of a block, all background so far.
+
+    Args:
+        block: first and last + 1 voxel along each axis.
+        shape: of the volume.
+        connectivity: 6 or 26, that of the solid.
+    """
+    x, y, z = (start + (start > 0) for start, _ in block)
+    n_x, n_y, n_z = (n + 2 for n in shape)
+    ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, shape, strict=True)]
+    is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), connectivity == 26)
+    inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
+    return Marked(is_six, inner, (x, y, z), (n_x, n_y, n_z))
 
 
 def join_parts(one: Part, other: Part, axis: int) -> Part:

@@ -1,9 +1,15 @@
-"""Evaluation of a field on a fine grid only near its zero set: coarse to fine, with bounded memory."""
+"""Evaluation of a field on a fine grid only near its zero set: coarse to fine, of the whole grid or of a box of it.
+
+Which vertices are evaluated does not depend on the order in which that is done, so a box knows what the whole grid
+knows there as soon as it has been told where the zero set led from outside.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,7 +18,10 @@ from topokit.core.grid.grid import Grid
 
 Evaluate = Callable[[Tensor], Tensor]
 Progress = Callable[[Grid, int, int], None]
-"""Told after each block of points: the grid, the points evaluated so far, and the points to evaluate."""
+"""Told after each block: the grid, the points (or blocks of the grid) done so far, and those to do."""
+
+Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+"""First and last + 1 vertex along each axis."""
 
 _NEAR = 1.0  # a cell is near the zero set when |F| is within this many of its own changes from corner to corner
 _CHUNK = 1 << 16  # points per call of the field
@@ -20,19 +29,57 @@ _CHUNK = 1 << 16  # points per call of the field
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveField:
-    """Values of a field on a regular grid, positive inside, evaluated only where the zero set may be.
+    """Values of a field on a regular grid or in a box of it, positive inside, evaluated where the zero set may be.
 
     Attributes:
-        grid: where the values are.
+        grid: the whole grid.
         values: (X, Y, Z) on the CPU. Where `known` is False they are copies of a coarser neighbor, with its sign.
         known: (X, Y, Z) bool, the vertices at which the field was evaluated.
         n_evaluations: points at which the field was evaluated so far, coarser grids included.
+        first: vertex of the grid at which the values begin.
     """
 
     grid: Grid
     values: Tensor
     known: Tensor
     n_evaluations: int
+    first: tuple[int, int, int] = (0, 0, 0)
+
+    def part(self, box: Box) -> AdaptiveField:
+        """The values in a box, which must lie in the own one; memory is shared, and no evaluation is counted."""
+        own = tuple(slice(start - at, stop - at) for (start, stop), at in zip(box, self.first, strict=True))
+        (x, _), (y, _), (z, _) = box
+        return AdaptiveField(self.grid, self.values[own], self.known[own], 0, (x, y, z))
+
+    def flat_on_grid(self, index: Tensor) -> Tensor:
+        """Flat indices on the grid (N,) of values given by their own flat indices (N,)."""
+        (_, n_y, n_z), (_, m_y, m_z) = self.values.shape, self.grid.shape
+        x, y, z = index // (n_y * n_z), index % (n_y * n_z) // n_z, index % n_z
+        return ((x + self.first[0]) * m_y + y + self.first[1]) * m_z + z + self.first[2]
+
+    def flat_in_box(self, index: Tensor) -> Tensor:
+        """Own flat indices (M,) of those vertices, of some (N,) given by flat indices on the grid, that are here."""
+        (n_x, n_y, n_z), (_, m_y, m_z) = self.values.shape, self.grid.shape
+        vertices = torch.stack((index // (m_y * m_z), index % (m_y * m_z) // m_z, index % m_z), 1)
+        vertices = vertices - vertices.new_tensor(self.first)
+        x, y, z = vertices[((vertices >= 0) & (vertices < vertices.new_tensor((n_x, n_y, n_z)))).all(1)].unbind(1)
+        return (x * n_y + y) * n_z + z
+
+
+class Refined(NamedTuple):
+    """A field on a grid of half the step.
+
+    Attributes:
+        field: its values.
+        followed: (M,) flat indices on the grid, of vertices that were evaluated only because the zero set led there.
+    """
+
+    field: AdaptiveField
+    followed: Tensor
+
+
+NONE = torch.zeros(0, dtype=torch.int64)
+"""No vertices."""
 
 
 def no_progress(grid: Grid, done: int, total: int) -> None:
@@ -52,29 +99,79 @@ def dense_field(evaluate: Evaluate, grid: Grid, progress: Progress = no_progress
     return AdaptiveField(grid, values.reshape(grid.shape), known, grid.n_vertices)
 
 
-def refine_grid(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> AdaptiveField:
+def refine_grid(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> Refined:
     """Halve the grid's step; evaluate only in cells near the zero set, and follow the zero set where it leads.
 
     A cell is near when the field changes its sign in it, or would within one more step of the change from corner to
     corner, or when it touches such a cell. |F| is never taken for a distance, so the scale of the field does not
-    matter. What lies wholly inside a cell that is not near is not seen.
+    matter. The zero set leads on where an evaluated value has another sign than one around it, or than the copy of the
+    coarser value that stood there. What lies wholly inside a cell that is not near is not seen.
 
     Args:
         field: values on the coarser grid.
         evaluate: as for `dense_field`.
         progress: told how many points are evaluated.
     """
-    fine = _upsample(field)
-    wanted = _vertices_of_cells(_dilate(_near_cells(field.values)))
-    n_evaluations = field.n_evaluations
-    while True:
-        index = (wanted & ~fine.known).reshape(-1).nonzero()[:, 0]
-        if len(index) == 0:
-            return replace(fine, n_evaluations=n_evaluations)
-        fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, index, fine.values.dtype, progress)
+    n_x, n_y, n_z = field.grid.refined().shape
+    return _refine(field, ((0, n_x), (0, n_y), (0, n_z)), evaluate, NONE, progress)
+
+
+def refine_in_box(
+    base: AdaptiveField, box: Box, evaluate: Evaluate, followed: Sequence[Tensor], window: float = 0.0
+) -> Refined | bool:
+    """Refine a field several times as `refine_grid` does, but only as far as a box of the last grid needs it.
+
+    Args:
+        base: values on the whole of the first grid.
+        box: of the last grid.
+        evaluate: as for `dense_field`.
+        followed: of each refinement, the vertices `followed` that are known. With all of them the result is that of
+            `refine_grid`; of the last refinement those that the box can find by itself may be missing.
+        window: which |F| are of interest besides the zero set.
+
+    Returns:
+        The field in the box; or, if the zero set does not come near and |F| is above the window, whether all of the box
+        is inside.
+    """
+    shapes = [base.grid.shape]
+    for _ in followed:
+        x, y, z = shapes[-1]
+        shapes.append((2 * x - 1, 2 * y - 1, 2 * z - 1))
+    boxes = [box]
+    for shape in shapes[-2::-1]:
+        boxes.append(_needed(boxes[-1], shape))
+    refined = Refined(base.part(boxes.pop()), NONE)
+    may_follow = any(len(known) for known in followed)
+    for known in followed:
+        values = refined.field.values
+        if not may_follow and not _near_cells(values).any() and not (values.abs() <= window).any():
+            return bool(values[0, 0, 0] > 0)
+        refined = _refine(refined.field, boxes.pop(), evaluate, known, no_progress)
+    return refined
+
+
+def _needed(box: Box, shape: tuple[int, int, int]) -> Box:
+    """The box of a grid of this shape on which a box of the grid of half its step depends: two cells farther."""
+    x, y, z = ((max(0, (a - 3) // 2), min(n, (b + 5) // 2)) for (a, b), n in zip(box, shape, strict=True))
+    return x, y, z
+
+
+def _refine(field: AdaptiveField, box: Box, evaluate: Evaluate, known: Tensor, progress: Progress) -> Refined:
+    fine, seeds = _upsample(field, box)
+    copies, before = fine.values > 0, fine.known.clone()
+    wanted = seeds.clone()
+    wanted.view(-1)[fine.flat_in_box(known)] = True
+    n_evaluations = 0
+    while len(index := (wanted & ~fine.known).reshape(-1).nonzero()[:, 0]):
+        on_grid = fine.flat_on_grid(index)
+        fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, on_grid, fine.values.dtype, progress)
         fine.known.view(-1)[index] = True
         n_evaluations += len(index)
-        wanted = _vertices_around_sign_changes(fine.values > 0)
+        inside = fine.values > 0
+        wanted = _vertices_around_changes(inside | copies, inside & copies)
+    followed = (fine.known & ~before & ~seeds).reshape(-1).nonzero()[:, 0]
+    done = replace(fine, n_evaluations=field.n_evaluations + n_evaluations)
+    return Refined(done, fine.flat_on_grid(followed))
 
 
 def _evaluate_at(grid: Grid, evaluate: Evaluate, index: Tensor, dtype: torch.dtype, progress: Progress) -> Tensor:
@@ -87,18 +184,29 @@ def _evaluate_at(grid: Grid, evaluate: Evaluate, index: Tensor, dtype: torch.dty
     return values
 
 
-def _upsample(field: AdaptiveField) -> AdaptiveField:
-    """The field on the grid of half the step; new vertices hold copies that are not known."""
-    grid = field.grid.refined()
-    values = field.values.new_empty(grid.shape)
-    for x in (0, 1):
-        for y in (0, 1):
-            for z in (0, 1):
-                part = values[x::2, y::2, z::2]
-                part.copy_(field.values[: part.shape[0], : part.shape[1], : part.shape[2]])
-    known = torch.zeros(grid.shape, dtype=torch.bool)
-    known[::2, ::2, ::2] = field.known
-    return AdaptiveField(grid, values, known, field.n_evaluations)
+def _upsample(field: AdaptiveField, box: Box) -> tuple[AdaptiveField, Tensor]:
+    """The field in a box of the grid of half the step; and which of its vertices are near the zero set.
+
+    New vertices hold copies that are not known.
+    """
+    n_x, n_y, n_z = ((stop - start) for start, stop in box)
+    values, known = field.values.new_empty((n_x, n_y, n_z)), torch.zeros((n_x, n_y, n_z), dtype=torch.bool)
+    offsets = [start - 2 * at for (start, _), at in zip(box, field.first, strict=True)]
+    for odd in product((0, 1), repeat=3):
+        begin = [(offset + one) % 2 for offset, one in zip(offsets, odd, strict=True)]
+        part = tuple(slice(b, None, 2) for b in begin)
+        source = [(offset + b) // 2 for offset, b in zip(offsets, begin, strict=True)]
+        taken = tuple(slice(a, a + n) for a, n in zip(source, values[part].shape, strict=True))
+        values[part] = field.values[taken]
+        if not any(odd):
+            known[part] = field.known[taken]
+    near = _near_cells(field.values)
+    seeds = torch.zeros_like(known)
+    if near.any():
+        in_box = tuple(slice(a, a + n) for a, n in zip(offsets, values.shape, strict=True))
+        seeds = _vertices_of_cells(_dilate(near))[in_box]
+    (x, _), (y, _), (z, _) = box
+    return AdaptiveField(field.grid.refined(), values, known, 0, (x, y, z)), seeds
 
 
 def _over_cells(values: Tensor, extreme: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
@@ -141,13 +249,16 @@ def _vertices_of_cells(cells: Tensor) -> Tensor:
     return cells
 
 
-def _vertices_around_sign_changes(inside: Tensor) -> Tensor:
-    """Vertices of cells in which the sign changes, and of the cells beside those."""
-    changes = _over_cells(inside, torch.logical_or) & ~_over_cells(inside, torch.logical_and)
-    vertices = torch.zeros_like(inside)
-    for x in (0, 1):
-        for y in (0, 1):
-            for z in (0, 1):
-                n_x, n_y, n_z = changes.shape
-                vertices[x : n_x + x, y : n_y + y, z : n_z + z] |= changes
+def _vertices_around_changes(some: Tensor, every: Tensor) -> Tensor:
+    """Vertices of cells in which not all are alike, and of the cells beside those.
+
+    Args:
+        some: (X, Y, Z), whether a vertex has been inside at some time.
+        every: (X, Y, Z), whether it has been inside at every time.
+    """
+    changes = _over_cells(some, torch.logical_or) & ~_over_cells(every, torch.logical_and)
+    vertices = torch.zeros_like(some)
+    for x, y, z in product((0, 1), repeat=3):
+        n_x, n_y, n_z = changes.shape
+        vertices[x : n_x + x, y : n_y + y, z : n_z + z] |= changes
     return _dilate(vertices)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
+import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import median_step_at_crossings
+from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, Progress, no_progress, refine_grid
-
-ReachedFaces = tuple[tuple[bool, bool], ...]
+from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
+from topokit.core.implicit.box_counts import ReachedFaces, rounded, value_of
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,10 @@ class ConvergenceStudy:
         shifted_eulers: χ on the last two grids with the level shifted up and down by a twentieth and a tenth of the
             field's typical change over one of their cells.
         reached_faces: for each axis, whether the solid reaches the lower and the upper face of the box.
-        field: that on the coarsest grid that shows `euler` in both connectivities, else on the finest that is kept.
+        shown: the coarsest grid that shows `euler` in both connectivities, of all if the counts agree, else of those
+            that are kept; or the finest that is kept.
+        field: the field on that grid; None if it was evaluated box by box.
+        known: with which any box of that grid can be evaluated.
         n_evaluations: points at which the field was evaluated.
         n_vertices: vertices of the finest grid.
     """
@@ -62,18 +67,38 @@ class ConvergenceStudy:
     has_converged: bool
     shifted_eulers: tuple[int, ...]
     reached_faces: ReachedFaces
-    field: AdaptiveField
+    shown: Grid
+    field: AdaptiveField | None
+    known: Refinements
     n_evaluations: int
     n_vertices: int
 
 
-_KEPT_CELLS = 256  # finer grids are counted, not kept: labels of their components would take gigabytes
+_KEPT_CELLS = 256  # finer grids are evaluated box by box: as a whole they would take gigabytes
 _SUCCESSIVE = 3  # grids in a row that must agree
 _SHIFTS = (-0.1, -0.05, 0.05, 0.1)  # of the level, as shares of the field's change over one cell
 
 
+@dataclass(frozen=True, eq=False)
+class _Counted:
+    """What is found on one grid; the field is None where it was evaluated box by box."""
+
+    grid: Grid
+    eulers: tuple[int, int]
+    shifted: Sequence[int]
+    reached_faces: ReachedFaces
+    n_evaluations: int
+    known: Refinements
+    field: AdaptiveField | None
+
+
 def convergence_study(
-    coarsest: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress = no_progress
+    coarsest: AdaptiveField,
+    evaluate: Evaluate,
+    finest: int,
+    progress: Progress = no_progress,
+    blocks: Blocks = ONE_BY_ONE,
+    kept_cells: int = _KEPT_CELLS,
 ) -> ConvergenceStudy:
     """Count χ on a grid and on grids of twice, four times, ... the cells.
 
@@ -88,31 +113,31 @@ def convergence_study(
         evaluate: the field, as for `refine_grid`.
         finest: no grid gets more cells than this along its longest axis.
         progress: told how many points of each grid are evaluated.
+        blocks: how grids that are not kept are divided.
+        kept_cells: cells along the longest axis up to which grids are evaluated as a whole and kept; which ones are
+            changes no count.
     """
-    counts: list[GridCount] = []
-    kept: list[AdaptiveField] = []
-    shifted: list[int] = []
-    for field in _refinements(coarsest, evaluate, finest, progress):
-        n_cells = field.grid.n_cells
-        counts.append(GridCount(n_cells, field.grid.step, *_eulers_26_and_6(field, 0.0)))
-        if n_cells <= _KEPT_CELLS or not kept:
-            kept.append(field)
-        if n_cells > finest // 4:  # the last two
-            shifted += _eulers_at_shifted_levels(field)
+    found = list(_grids(coarsest, evaluate, finest, progress, blocks, kept_cells))
+    counts = [GridCount(one.grid.n_cells, one.grid.step, *one.eulers) for one in found]
+    shifted = [euler for one in found for euler in one.shifted]
     euler = _most_frequent(counts)
     last = counts[-_SUCCESSIVE:]
     agreed = {count.euler_26 for count in counts if count.agrees}
     converged = len(last) > 1 and all(count.agrees for count in last) and agreed == {euler} == set(shifted)
-    showing = [one for one, count in zip(kept, counts, strict=False) if count.agrees and count.euler_26 == euler]
+    kept = [one for one in found if one.field is not None]
+    showing = [one for one in (found if converged else kept) if one.eulers == (euler, euler)]
+    shown = showing[0] if showing else kept[-1]
     return ConvergenceStudy(
         counts=tuple(counts),
         euler=euler,
         has_converged=converged,
         shifted_eulers=tuple(shifted),
-        reached_faces=reached_faces(field.values),
-        field=showing[0] if showing else kept[-1],
-        n_evaluations=field.n_evaluations,
-        n_vertices=field.grid.n_vertices,
+        reached_faces=found[-1].reached_faces,
+        shown=shown.grid,
+        field=shown.field,
+        known=shown.known,
+        n_evaluations=sum(one.n_evaluations for one in found),
+        n_vertices=found[-1].grid.n_vertices,
     )
 
 
@@ -125,16 +150,48 @@ def reached_faces(values: Tensor) -> ReachedFaces:
     return tuple((reaches(axis, 0), reaches(axis, -1)) for axis in range(3))
 
 
-def _refinements(field: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress) -> Iterator[AdaptiveField]:
-    yield field
-    while 2 * field.grid.n_cells <= finest:
-        field = refine_grid(field, evaluate, progress)
-        yield field
+def _grids(
+    field: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress, blocks: Blocks, kept_cells: int
+) -> Iterator[_Counted]:
+    """What is found on each grid, coarsest first."""
+    known, n_before = Refinements(field, evaluate), 0
+    while True:
+        shifted = _eulers_at_shifted_levels(field) if field.grid.n_cells > finest // 4 else []  # on the last two
+        n_own = field.n_evaluations - n_before
+        eulers = _eulers_26_and_6(field, 0.0)
+        yield _Counted(field.grid, eulers, shifted, reached_faces(field.values), n_own, known, field)
+        if 2 * field.grid.n_cells > finest:
+            return
+        if 2 * field.grid.n_cells > kept_cells:
+            break
+        n_before = field.n_evaluations
+        field, followed = refine_grid(field, evaluate, progress)
+        known = replace(known, followed=(*known.followed, followed))
+    if blocks.client is None:  # nothing is sent, so boxes may begin with the finest grid
+        known = Refinements(field, evaluate)
+    yield from _grids_in_boxes(known, _change_over_a_cell(field.values), finest, progress, blocks)
+
+
+def _grids_in_boxes(
+    known: Refinements, change: float, finest: int, progress: Progress, blocks: Blocks
+) -> Iterator[_Counted]:
+    """What is found on each grid after the finest known one, given the field's typical change over a cell of that."""
+    while 2 * known.grid.n_cells <= finest:
+        shifts = _SHIFTS if 2 * known.grid.n_cells > finest // 4 else ()
+        found = next_grid(known, blocks, change, max(shifts, default=0.0), progress)
+        known, change = found.known, change if found.change is None else found.change
+        shifted = found.eulers_at_shifts(shifts)
+        yield _Counted(known.grid, found.eulers, shifted, found.reached_faces, found.n_evaluations, known, None)
 
 
 def _eulers_at_shifted_levels(field: AdaptiveField) -> list[int]:
-    change = median_step_at_crossings(field.values)
+    change = _change_over_a_cell(field.values)
     return [euler for shift in _SHIFTS for euler in _eulers_26_and_6(field, shift * change)]
+
+
+def _change_over_a_cell(values: Tensor) -> float:
+    """The field's typical change from vertex to vertex where it crosses the level, as boxes find it, too."""
+    return value_of(int(rounded(torch.tensor(median_step_at_crossings(values)))))
 
 
 def _eulers_26_and_6(field: AdaptiveField, level: float) -> tuple[int, int]:

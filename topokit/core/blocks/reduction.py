@@ -1,0 +1,64 @@
+"""Work on all blocks of a volume, here or on the workers of a Dask cluster; results are joined, or each is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
+
+from topokit.core.blocks.division import Box, Division
+
+Found = TypeVar("Found")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+_RETRIES = 2  # of the work on a block that failed; a worker that dies costs others, which `distributed` counts itself
+
+
+def reduced(
+    division: Division,
+    source: Callable[[Box], Any],
+    count: Callable[[Any, Box], Found],
+    join: Callable[[Found, Found, int], Found],
+    client: Any,
+    finish: Callable[[Found], Found],
+) -> Found:
+    """What is found in all blocks of a volume.
+
+    Args:
+        division: its blocks.
+        source: what `count` is given of a block.
+        count: what is found in a block, given by that and its place; it may be large, as it is sent once.
+        join: joins what was found in two boxes side by side along an axis.
+        client: of a Dask cluster; None for this process, one block after the other.
+        finish: makes of what was found in the whole volume what is wanted of it.
+    """
+    if client is None:
+        return finish(division.reduce(lambda box: count(source(box), box), join))
+    from dask import delayed
+
+    held, call, joining = delayed(count, traverse=False), delayed(_called, pure=False), delayed(join, pure=False)
+    whole = division.reduce(lambda box: call(held, source(box), box), joining)
+    found: Found = client.compute(delayed(finish, pure=False)(whole), retries=_RETRIES).result()
+    return found
+
+
+def mapped(work: Callable[[Task], Result], tasks: Sequence[Task], client: Any) -> Iterator[Result]:
+    """The result of each task, in order.
+
+    Args:
+        work: picklable; it may be large, as it is sent once to each worker.
+        tasks: what to call it with, one at a time.
+        client: of a Dask cluster; None for this process, one task after the other.
+    """
+    if client is None:
+        yield from map(work, tasks)
+        return
+    from dask import delayed
+
+    held, call = delayed(work, traverse=False), delayed(_called, pure=False)
+    for future in client.compute([call(held, task) for task in tasks], retries=_RETRIES):
+        yield future.result()
+
+
+def _called(work: Callable[..., Result], *task: Any) -> Result:
+    return work(*task)

@@ -1,0 +1,45 @@
+"""The closed surfaces of a field on a grid that is evaluated box by box, and joined exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from topokit.core.blocks.division import Box, Division
+from topokit.core.blocks.part import Part, background_around, count_part, join_parts
+from topokit.core.blocks.reduction import reduced
+from topokit.core.blocks.whole import counted_volume
+from topokit.core.components import CountedComponents
+from topokit.core.implicit.adaptive_grid import refine_in_box
+from topokit.core.implicit.blockwise import Blocks, Refinements
+
+
+def components_in_blocks(known: Refinements, connectivity: int, blocks: Blocks) -> CountedComponents:
+    """The connected closed surfaces of {F > 0} on the finest known grid, as `grid.components.grid_surfaces` finds them.
+
+    Args:
+        known: of the field's grids.
+        connectivity: 6 or 26, that of the solid.
+        blocks: how to divide the grid.
+    """
+    division = Division.even(known.grid.shape, blocks.most_vertices)
+    count = _PartOfBox(known, connectivity)
+    whole = reduced(division, lambda box: None, count, join_parts, blocks.client, Part.without_faces)
+    return counted_volume(whole, connectivity, known.grid).surfaces
+
+
+@dataclass(frozen=True, eq=False)
+class _PartOfBox:
+    """Counts the regions of a box; it is sent to workers."""
+
+    known: Refinements
+    connectivity: int
+
+    def __call__(self, _: None, box: Box) -> Part:
+        refined = refine_in_box(self.known.base, box, self.known.evaluate, self.known.followed)
+        marked = background_around(box, self.known.grid.shape, self.connectivity)
+        marked.inner[:] = refined if isinstance(refined, bool) else (refined.field.values > 0).numpy()
+        if self.connectivity == 26:
+            np.logical_not(marked.inner, out=marked.inner)
+        return count_part(marked.is_six, marked.place, marked.shape)

@@ -5,12 +5,14 @@ from __future__ import annotations
 import inspect
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.batch.sources import Source
 from topokit.errors import InputError, TopokitError
+from topokit.inputs.remote import fetched, is_zarr_address
 from topokit.plugins.foreign_code import foreign_code
 
 if TYPE_CHECKING:
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 Row = dict[str, Any]
-Options = Callable[[Path], tuple[str, Mapping[str, Any]]]  # name of the adapter for a file, and its options
+Options = Callable[[Path | str], tuple[str, Mapping[str, Any]]]  # name of the adapter for a file, and its options
 
 COLUMNS = (
     "file",
@@ -51,7 +53,7 @@ class Given:
     adapter: str | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
 
-    def __call__(self, path: Path) -> tuple[str, Mapping[str, Any]]:
+    def __call__(self, path: Path | str) -> tuple[str, Mapping[str, Any]]:
         """The adapter's name and its options."""
         from topokit.plugins.registry import adapter_for
 
@@ -112,16 +114,23 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
     try:
         if source.problem is not None:
             raise InputError(source.problem)
-        adapter, options = questions.options(source.path)
-        for label, shape in _shapes(source.path, questions.labels, adapter, seeded(options)):
-            with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
-                answer = _answer(shape, questions)
-            known = {"file": source.name, "label": label, "adapter": adapter, "seconds": time.perf_counter() - started}
-            answers.append(replace(answer, row=answer.row | known))
-            started = time.perf_counter()
+        with in_reach(source.path) as path:
+            adapter, options = questions.options(path)
+            for label, shape in _shapes(path, questions.labels, adapter, seeded(options)):
+                with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
+                    answer = _answer(shape, questions)
+                seconds = time.perf_counter() - started
+                known = {"file": source.name, "label": label, "adapter": adapter, "seconds": seconds}
+                answers.append(replace(answer, row=answer.row | known))
+                started = time.perf_counter()
     except TopokitError as error:
         answers.append(failure(source, str(error), time.perf_counter() - started))
     return answers
+
+
+def in_reach(place: Path | str) -> AbstractContextManager[Any]:
+    """During the block what can be opened: a path, that of a copy of what is at an address, or the address of zarr."""
+    return fetched(place) if isinstance(place, str) and not is_zarr_address(place) else nullcontext(place)
 
 
 def _answer(shape: Shape, questions: Questions) -> Answer:
@@ -169,7 +178,9 @@ def _is_manifold(report: TopologyReport, shape: Shape) -> bool | None:
     return None if shape.counted is None else shape.counted.manifold
 
 
-def _shapes(path: Path, labels: Any, adapter: str, options: Mapping[str, Any]) -> Iterator[tuple[int | None, Shape]]:
+def _shapes(
+    path: Path | str, labels: Any, adapter: str, options: Mapping[str, Any]
+) -> Iterator[tuple[int | None, Shape]]:
     """The shapes in a file, by their labels."""
     from topokit.plugins.registry import load
 

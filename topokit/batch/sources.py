@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from topokit.errors import TopokitError
+from topokit.inputs.remote import is_address, matching_addresses
 from topokit.plugins.registry import is_known
 from topokit.report.wording import plural
 
@@ -21,12 +23,12 @@ class Source:
     """One file or folder to examine.
 
     Attributes:
-        path: where it is.
+        path: where it is; a text if that is an address.
         name: what to call it in results.
         problem: why there is nothing to examine, or None.
     """
 
-    path: Path
+    path: Path | str
     name: str
     problem: str | None = None
 
@@ -42,9 +44,9 @@ class Sources:
 def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
     """The files that paths, folders and patterns stand for.
 
-    Files are taken as they are named. Of a folder and the folders in it, those files are taken that an adapter knows by
-    content or suffix, sorted by name; what begins with a dot is left out. Patterns are those of `glob`: `*`, `?`,
-    `[a-z]`, and `**` for folders at any depth.
+    Files and addresses are taken as they are named. Of a folder and the folders in it, those files are taken that an
+    adapter knows by content or suffix, sorted by name; what begins with a dot is left out. Patterns are those of
+    `glob`: `*`, `?`, `[a-z]`, and `**` for folders at any depth; in addresses only `*` makes one.
 
     Args:
         paths: one or several.
@@ -53,6 +55,9 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
     given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     finder = _Finder(adapter)
     for path in given:
+        if is_address(path):
+            finder.add_address(str(path))
+            continue
         for one in _expanded(os.fspath(path)):
             finder.add(one)
     return Sources(tuple(finder.sources), tuple(finder.passed_over))
@@ -77,6 +82,15 @@ class _Finder:
             n_files = len(self.passed_over) - passed_over
             held = f"of its {plural(n_files, 'file')} none is of a known format" if n_files else "it is empty"
             self._add_problem(path, f"{path} holds nothing that topokit opens: {held}.")
+
+    def add_address(self, address: str) -> None:
+        """A file at an address, or those that a pattern stands for; nothing is fetched but their names."""
+        try:
+            found = matching_addresses(address) if "*" in address else [address]
+        except TopokitError as error:
+            self.sources.append(Source(address, address, str(error)))
+            return
+        self.sources += [Source(one, one) for one in found]
 
     def _add_folder(self, folder: Path) -> None:
         try:

@@ -15,11 +15,15 @@ from topokit.batch.processes import map_in_processes
 from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
 from topokit.errors import InputError, TopokitError
+from topokit.inputs.remote import is_zarr_address
 
-_STORED = (
+_LARGE = (  # what several workers may share
     *(".zarr", ".h5", ".hdf5", ".npy"),  # files, or folders, that may hold a volume to be counted block by block
     *(".las", ".laz", ".parquet", ".ply", ".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc"),  # or a cloud
+    *(".pt", ".pth", ".pt2", ".ts"),  # or a network
 )
+_NETWORKS = ("sdf", "occupancy")
+_FINE = 1024  # cells of a network's finest grid from which on all workers share it
 
 
 def examine_each(
@@ -57,7 +61,7 @@ class _WithClient:
     options: Options
     client: Any
 
-    def __call__(self, path: Path) -> tuple[str, Mapping[str, Any]]:
+    def __call__(self, path: Path | str) -> tuple[str, Mapping[str, Any]]:
         """The adapter's name and its options."""
         adapter, options = self.options(path)
         return adapter, {**options, "client": self.client}
@@ -67,7 +71,7 @@ def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) ->
     """The answers of a cluster: each file by one worker, then each large volume or cloud by all of them."""
     from topokit.batch.cluster import map_on_cluster
 
-    found = [replace(source, path=source.path.absolute()) for source in sources]  # workers may be in other folders
+    found = [_from_anywhere(source) for source in sources]
     large = [number for number, source in enumerate(found) if _is_large(source, questions)]
     others = [number for number in range(len(found)) if number not in set(large)]
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
@@ -80,8 +84,8 @@ def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) ->
 
 
 def _is_large(source: Source, questions: Questions) -> bool:
-    """Whether a file is a volume or cloud that is read block by block."""
-    if source.problem is not None or not (source.path.is_dir() or source.path.suffix.lower() in _STORED):
+    """Whether a file is a volume or cloud that is read block by block, or a network on a grid as large."""
+    if source.problem is not None or not _may_be_large(source.path):
         return False
     from topokit.adapters.points.large import stored_cloud
     from topokit.adapters.voxels.large import blocks_of
@@ -90,11 +94,24 @@ def _is_large(source: Source, questions: Questions) -> bool:
         adapter, options = questions.options(source.path)
         if adapter == "points":
             return stored_cloud(source.path, options.get("block_points"), None) is not None
+        if adapter in _NETWORKS:
+            return int(options.get("resolution") or 0) >= _FINE
         if adapter != "voxels":
             return False
         return blocks_of(source.path, options.get("dataset"), options.get("block_voxels"), None) is not None
     except TopokitError:  # its answer says so
         return False
+
+
+def _may_be_large(place: Path | str) -> bool:
+    if isinstance(place, str):
+        return is_zarr_address(place)
+    return place.is_dir() or place.suffix.lower() in _LARGE
+
+
+def _from_anywhere(source: Source) -> Source:
+    """The source with an absolute path: workers may be in other folders."""
+    return source if isinstance(source.path, str) else replace(source, path=source.path.absolute())
 
 
 def _after_death(source: Source, how: str) -> list[Answer]:

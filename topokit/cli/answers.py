@@ -20,7 +20,7 @@ from topokit.batch.survey import entry
 from topokit.batch.workers import examine_each
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
-from topokit.cli.request import Request, sources_of
+from topokit.cli.request import Request, is_same, sources_of
 from topokit.cli.writers import Writer
 from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
@@ -31,7 +31,7 @@ _HAVE_BARS = ("sdf", "occupancy")  # adapters that show the progress of their gr
 
 
 def answer_files(
-    files: list[Path],
+    files: list[str],
     opener: Opener,
     request: Request,
     make_writer: MakeWriter,
@@ -138,7 +138,8 @@ def _names_for_bar(found: Sources, opener: Opener) -> list[str]:
     """The names of the files; none if there is only one whose adapter shows its own progress."""
     if len(found.sources) == 1 and sys.stderr.isatty():
         try:
-            if opener(found.sources[0].path)[0] in _HAVE_BARS:
+            path = found.sources[0].path
+            if isinstance(path, Path) and opener(path)[0] in _HAVE_BARS:
                 return []
         except TopokitError:  # its answer says so
             return []
@@ -192,7 +193,7 @@ def _stream(output: Path | None, found: Sources, mode: Literal["a", "w"]) -> Ite
     if output is None:
         yield sys.stdout
         return
-    if output.exists() and any(source.path.exists() and output.samefile(source.path) for source in found.sources):
+    if output.exists() and any(is_same(output, source) for source in found.sources):
         raise typer.BadParameter(f"-o {output} is a file to read; name another one to write.")
     try:
         file = output.open(mode, encoding="utf-8", newline="")

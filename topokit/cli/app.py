@@ -41,8 +41,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_WHAT = "Files, folders, patterns such as 'parts/**/*.stl', or - for standard input."
-Files = Annotated[list[Path], typer.Argument(help=_WHAT, metavar="FILE...")]
+_WHAT = "Files, folders, patterns such as 'parts/**/*.stl', addresses as https://…, or - for standard input."
+Files = Annotated[list[str], typer.Argument(help=_WHAT, metavar="FILE...")]
 Quantity = Literal["gaussian", "mean", "total"]
 
 
@@ -161,7 +161,7 @@ def genus(files: Files, opener: Opener, request: Request, form: Form | None) -> 
 
 
 def _print_number(
-    name: str, missing: str, files: list[Path], opener: Opener, request: Request, form: Form | None
+    name: str, missing: str, files: list[str], opener: Opener, request: Request, form: Form | None
 ) -> None:
     """One number of every report; where it is None, that is an error."""
 
@@ -188,7 +188,7 @@ def _print_number(
 @app.command()
 @opens_files
 def curvature(
-    file: Annotated[Path, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
+    file: Annotated[str, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
     opener: Opener,
     format: Format = None,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @opens_files
 def handles(
-    file: Annotated[Path, typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")],
+    file: Annotated[str, typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")],
     opener: Opener,
     format: Format = None,
     output: Annotated[

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from topokit.batch.examine import seeded
+from topokit.batch.examine import in_reach, seeded
 from topokit.cli.bundle import bundled
 from topokit.cli.values import expected_value, is_writable, parse_value
 from topokit.errors import InputError, MissingDependencyError
@@ -31,7 +31,7 @@ _TEXTS = {
     "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",
     "origin": "Volumes: position of the first voxel, as 0,0,-40.",
     "dataset": "Volumes: path of the array in a zarr group or HDF5 file.",
-    "block_voxels": "Volumes: count block by block, with at most so many voxels in a block.",
+    "block_voxels": "Volumes and networks: count block by block, with at most so many voxels in a block.",
     "bounds": "Networks: lowest and highest corner of the box, as -1,-1,-1,1,1,1.",
     "resolution": "Networks: cells along the longest side of the finest grid.",
     "field_resolution": "Networks: cells along the longest side of the grid of the field.",
@@ -110,7 +110,7 @@ class Opener:
     adapter: str | None
     given: dict[str, Any]
 
-    def __call__(self, path: Path) -> tuple[str, dict[str, Any]]:
+    def __call__(self, path: Path | str) -> tuple[str, dict[str, Any]]:
         """The name of the adapter of a file, and its options.
 
         Raises:
@@ -128,15 +128,16 @@ class Opener:
             if known is None or name in known or name not in _SAMPLING
         }
 
-    def open(self, path: Path) -> Shape:
-        """The shape of a file; errors as above and those of `topokit.load`."""
+    def open(self, place: Path | str) -> Shape:
+        """The shape of a file, or of what is at an address; errors as above and those of `topokit.load`."""
         from topokit.plugins.registry import load
 
-        adapter, options = self(path)
-        return load(path, adapter=adapter, **seeded(options))
+        with in_reach(place) as path:
+            adapter, options = self(path)
+            return load(path, adapter=adapter, **seeded(options))
 
 
-def _value(path: Path, name: str, value: Any, adapter: str, known: Mapping[str, inspect.Parameter] | None) -> Any:
+def _value(path: Path | str, name: str, value: Any, adapter: str, known: Mapping[str, inspect.Parameter] | None) -> Any:
     """What the adapter gets for a value of the command line."""
     if known is not None and name not in {*known, "n_neighbors"}:
         raise InputError(

@@ -20,7 +20,7 @@ _SUFFIXES = (".png", ".webp", ".jpg", ".jpeg")
 
 @opens_files
 def picture(
-    file: Annotated[Path, typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")],
+    file: Annotated[str, typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Picture to write (.png, .webp or .jpg).")],
     opener: Opener,
     format: Format = None,

@@ -124,10 +124,15 @@ def _labels(text: str | None) -> Literal["all"] | tuple[int, ...] | None:
 examines_files = bundled("request", _OPTIONS, _request)
 
 
+def is_same(output: Path, source: Source) -> bool:
+    """Whether a file to write is the one to read."""
+    return isinstance(source.path, Path) and output.exists() and source.path.exists() and output.samefile(source.path)
+
+
 @contextmanager
-def sources_of(paths: Sequence[Path], format: str | None, adapter: str | None) -> Iterator[Sources]:
+def sources_of(texts: Sequence[str], format: str | None, adapter: str | None) -> Iterator[Sources]:
     """The files that the arguments stand for; - is standard input, which is kept in a file during the block."""
-    texts = list(map(str, paths))
+    texts = list(texts)
     if texts.count(STDIN) > 1 or (format is not None and STDIN not in texts):
         raise typer.BadParameter("--format is that of standard input: give - as FILE, once.")
     if format is not None and not _SUFFIX.fullmatch(format):

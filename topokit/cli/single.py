@@ -10,14 +10,14 @@ import typer
 
 from topokit.cli.answers import say
 from topokit.cli.options import Opener, in_shell
-from topokit.cli.request import sources_of
+from topokit.cli.request import is_same, sources_of
 from topokit.errors import InputError, TopokitError
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
 
-def convert(file: Path, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
+def convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
     """Open a file, write what is made of its shape, and say so; exit code 1 if that fails.
 
     Args:
@@ -31,7 +31,7 @@ def convert(file: Path, output: Path, format: str | None, opener: Opener, write:
 
 
 def ask(
-    file: Path, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
+    file: str, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
 ) -> None:
     """Open a file and print what is found out about its shape; exit code 1 if that fails.
 
@@ -47,7 +47,7 @@ def ask(
             raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
         source = found.sources[0]
         try:
-            if output is not None and output.exists() and source.path.exists() and output.samefile(source.path):
+            if output is not None and is_same(output, source):
                 raise InputError(f"{output} is the file to read; name another one to write.")
             if text := answer(opener.open(source.path)):
                 typer.echo(text)

@@ -18,7 +18,10 @@ from topokit.inputs.files import GZIP, existing_file
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_expansion
 
 _STEP = 1 << 20  # bytes copied at a time
-_FORBIDDEN = set('/\\:*?"<>|\0')  # in a file's name, on one platform or another
+FORBIDDEN = set('/\\:*?"<>|\0')
+"""Letters that a file's name may not have, on one platform or another."""
+
+_folders: set[Path] = set()  # of temporary files
 
 
 def is_content(source: object) -> bool:
@@ -46,7 +49,7 @@ def unpacked(path: Path) -> Iterator[Path]:
                 require_expansion(path, written, size, FREE_OF_MASKS)
                 target.write(part)
 
-    with _temporary(path.name[:-3] if path.name.lower().endswith(".gz") else path.name, str(path), unpack) as plain:
+    with temporary_file(path.name[:-3] if path.name.lower().endswith(".gz") else path.name, str(path), unpack) as plain:
         yield existing_file(plain)
 
 
@@ -64,7 +67,7 @@ def kept_in_file(content: Any, format: str | None) -> Iterator[Path]:
     name = _name_of(content)
     if format is not None:
         suffix = format.lstrip(".").lower()
-        if not suffix or _FORBIDDEN & set(suffix):
+        if not suffix or FORBIDDEN & set(suffix):
             raise InputError(f"format is {format!r}; expected the suffix of a file, such as 'stl' or 'nii.gz'.")
         name = name if name.lower().endswith(f".{suffix}") else f"{name}.{suffix}"
 
@@ -76,8 +79,13 @@ def kept_in_file(content: Any, format: str | None) -> Iterator[Path]:
         if target.tell() == 0:
             raise InputError(f"{name} holds no bytes: a file object may have been read to its end; call seek(0) first.")
 
-    with _temporary(name, name, write) as path:
+    with temporary_file(name, name, write) as path:
         yield path
+
+
+def is_temporary(path: Path) -> bool:
+    """Whether a file is there only as long as it is opened: what gzip packed, bytes held, or an address named."""
+    return path.absolute().parent in _folders
 
 
 def _is_gzip(path: Path) -> bool:
@@ -89,7 +97,7 @@ def _name_of(content: Any) -> str:
     """The name of a file object's file, or "data"."""
     name = getattr(content, "name", None)
     base = Path(name).name if isinstance(name, str) else ""
-    return base if base and not _FORBIDDEN & set(base) else "data"
+    return base if base and not FORBIDDEN & set(base) else "data"
 
 
 def _copy(source: Any, target: BinaryIO) -> None:
@@ -100,10 +108,11 @@ def _copy(source: Any, target: BinaryIO) -> None:
 
 
 @contextmanager
-def _temporary(name: str, called: str, write: Callable[[BinaryIO], None]) -> Iterator[Path]:
+def temporary_file(name: str, called: str, write: Callable[[BinaryIO], None]) -> Iterator[Path]:
     """A file in a folder of its own, which is gone after the block; errors name it as it is called."""
-    folder = tempfile.mkdtemp(prefix="topokit-")
-    path = Path(folder) / name
+    folder = Path(tempfile.mkdtemp(prefix="topokit-"))
+    path = folder / name
+    _folders.add(folder)
     ignored = os.name == "nt"  # Windows keeps files that are still mapped into memory
     with finally_do(partial(shutil.rmtree, folder, ignore_errors=ignored)):
         try:
@@ -115,3 +124,5 @@ def _temporary(name: str, called: str, write: Callable[[BinaryIO], None]) -> Ite
                 text.replace(str(path), called) if isinstance(text, str) else text for text in error.args
             )
             raise
+        finally:
+            _folders.discard(folder)

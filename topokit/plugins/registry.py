@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
 from topokit.inputs.files import existing_file, user_path
+from topokit.inputs.remote import fetched, is_address, is_zarr_address
 from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.choice import choose, knows
@@ -118,8 +119,9 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
     matching suffix, then the highest priority. Objects are opened by the adapter that names their class.
 
     Args:
-        source: path of a file, which may be compressed with gzip, or of a folder such as an unzipped .sog; bytes or a
-            file object; or an object of one of the types that `list_adapters` names, such as a `trimesh.Trimesh`.
+        source: path of a file, which may be compressed with gzip, or of a folder such as an unzipped .sog; an address
+            that fsspec opens, as https://example.org/part.stl, s3://… or zip://part.stl::parts.zip; bytes or a file
+            object; or an object of one of the types that `list_adapters` names, such as a `trimesh.Trimesh`.
         adapter: name of the adapter to use ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that
             of a plug-in) instead.
         format: what to take a file, bytes or a file object for if the content does not tell: the suffix of a file, as
@@ -138,6 +140,11 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
             this type are not opened.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
+    if is_zarr_address(source):
+        return open_with(adapter_for(source, adapter), source, options)
+    if is_address(source):
+        with fetched(source) as path:
+            return load(path, adapter=adapter, format=format, **options)
     if is_content(source):
         with kept_in_file(source, format) as path:
             try:
@@ -172,7 +179,8 @@ def _load_file(adapter: Adapter, path: Path, options: Mapping[str, Any]) -> Shap
 
 
 def adapter_for(source: Any, name: str | None = None) -> Adapter:
-    """The adapter that `load` opens a source with; same arguments and errors."""
+    """The adapter that `load` opens a source with; same arguments and errors. Of addresses only those of zarr."""
+    name = "voxels" if name is None and is_zarr_address(source) else name
     if name is None:
         for found in _adapters():
             if found.problem is not None:

@@ -25,6 +25,7 @@ from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating
 from topokit.inputs.files import existing_file
+from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
 
 _UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -35,6 +36,7 @@ _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
 
+@takes_addresses
 def from_sdf(
     f: Function | str | os.PathLike[str],
     *,
@@ -101,6 +103,7 @@ def from_sdf(
     return _shape(name, function, -1, settings)
 
 
+@takes_addresses
 def from_occupancy(
     f: Function | str | os.PathLike[str],
     *,

@@ -27,6 +27,7 @@ from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import triangles_of
+from topokit.inputs.remote import takes_addresses
 from topokit.inputs.unpacking import unpacked
 from topokit.report.mesh import mesh_answer
 from topokit.shape import Shape
@@ -38,6 +39,7 @@ Faces = Tensor | ArrayLike | Sequence[Sequence[int]]
 _DRAWN_PER_SAMPLE = 10  # random points per sample that a criterion chooses from
 
 
+@takes_addresses
 def from_mesh(
     source: str | os.PathLike[str] | tuple[Vertices, Faces] | Vertices | Any,
     faces: Faces | None = None,

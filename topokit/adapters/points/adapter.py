@@ -20,10 +20,12 @@ from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import is_frame, points_of
+from topokit.inputs.remote import takes_addresses
 from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
 
+@takes_addresses
 def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,

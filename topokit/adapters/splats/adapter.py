@@ -17,11 +17,13 @@ from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
 
 _FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 100_000
 
 
+@takes_addresses
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
     *,

@@ -29,6 +29,7 @@ from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.files import existing_file, user_path
+from topokit.inputs.remote import is_zarr_address, takes_addresses
 from topokit.inputs.unpacking import unpacked
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
@@ -36,6 +37,7 @@ from topokit.report.wording import plural
 from topokit.shape import Shape
 
 
+@takes_addresses
 def from_voxels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
     *,
@@ -133,7 +135,7 @@ def open_volume(
 ) -> tuple[str, Tensor, Spacing]:
     """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
     name, own_spacing = "voxels", None
-    if isinstance(volume, str | os.PathLike):
+    if isinstance(volume, str | os.PathLike) and not is_zarr_address(volume):
         path = user_path(volume)
         path = path if path.is_dir() and is_volume(path) else existing_file(path)
         with unpacked(path) as plain:
@@ -141,7 +143,8 @@ def open_volume(
             volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), stored.spacing)
             name = path.name
     elif (stored := stored_volume(volume, dataset)) is not None:
-        volume = stored.whole()
+        volume, own_spacing = stored.whole(), stored.spacing
+        name = stored.name
     elif (found := image_of(volume)) is not None:
         volume, own_spacing = found
     return name, _as_volume(volume), as_spacing(own_spacing if spacing is None else spacing)

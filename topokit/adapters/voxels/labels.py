@@ -20,12 +20,14 @@ from topokit.core.grid.grid import Spacing
 from topokit.core.grid.labels import Box, label_boxes
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.errors import InputError
+from topokit.inputs.remote import takes_addresses
 from topokit.report.wording import plural
 from topokit.shape import Shape
 
 Labels = Literal["all"] | Sequence[int]
 
 
+@takes_addresses
 def from_labels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
     labels: Labels = "all",

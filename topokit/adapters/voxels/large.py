@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +18,9 @@ from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.labels import Box as LabelBox
 from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
 from topokit.errors import InputError
+from topokit.inputs.files import user_path
+from topokit.inputs.remote import is_address
+from topokit.inputs.unpacking import is_temporary
 from topokit.shape import Shape
 
 MOST_IN_MEMORY = (
@@ -47,6 +52,11 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
     stored = stored_volume(volume, dataset)
     if not is_wanted and (stored is None or stored.n_voxels <= MOST_IN_MEMORY):
         return None
+    if isinstance(volume, str | os.PathLike) and not is_address(volume) and is_temporary(user_path(volume)):
+        raise InputError(
+            f"{Path(volume).name} is to be counted block by block, but its file is only a copy while it is opened: "
+            "pass the path of a file on disk, or the address of a zarr volume."
+        )
     stored = readable_in_blocks(volume) if stored is None else stored
     most_voxels = block_voxels or MOST_VOXELS
     return Blocks(stored, Division.of(stored.chunks, most_voxels), most_voxels, client)

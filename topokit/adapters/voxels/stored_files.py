@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.reading import reading
+from topokit.inputs.remote import asking, is_zarr_address
 
 _HOW = 'pip install "topokit[cluster]"'
 
@@ -40,7 +41,12 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
         MissingDependencyError: if the package for its format is not installed.
         InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
     """
-    found = _stored_file(user_path(volume), dataset) if isinstance(volume, str | os.PathLike) else stored_array(volume)
+    if isinstance(volume, str) and is_zarr_address(volume):
+        found: StoredVolume | None = _zarr_volume(volume, dataset)
+    elif isinstance(volume, str | os.PathLike):
+        found = _stored_file(user_path(volume), dataset)
+    else:
+        found = stored_array(volume)
     if dataset is not None and (found is None or isinstance(found, MappedVolume)):
         raise InputError(f"dataset={dataset!r} names an array in a zarr group or HDF5 file; this is neither.")
     return found
@@ -72,13 +78,15 @@ def _stored_file(path: Path, dataset: str | None) -> StoredVolume | None:
     return None
 
 
-def _zarr_volume(path: Path, dataset: str | None) -> StoredVolume:
+def _zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
+    """The volume in a folder or at an address."""
+    name = PurePosixPath(path).name
     try:
         import zarr
         from zarr.errors import BaseZarrError
     except ImportError as error:
         raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
-    with reading(path, "zarr", BaseZarrError, LookupError, TypeError):
+    with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
         found: Any = zarr.open(path, mode="r")
         if isinstance(found, zarr.Group):
             arrays = {
@@ -87,8 +95,8 @@ def _zarr_volume(path: Path, dataset: str | None) -> StoredVolume:
             shapes = {name: one.shape for name, one in arrays.items()}
             levels = _levels(found)
             chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
-            return IndexedVolume(arrays[chosen], path.name, levels.get(chosen))
-    return IndexedVolume(found, path.name)
+            return IndexedVolume(arrays[chosen], name, levels.get(chosen))
+    return IndexedVolume(found, name)
 
 
 def _levels(group: Any) -> dict[str, Spacing | None]:
@@ -132,7 +140,7 @@ def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
     return HdfVolume(found, path.name, None if sizes is None else _spacing(sizes))
 
 
-def _chosen(path: Path, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:
+def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:
     """The path of the array that is wanted, or of the only volume."""
     if dataset is not None and dataset.strip("/") in shapes:
         return dataset.strip("/")

@@ -13,9 +13,6 @@ import pytest
 
 import topokit as tk
 from topokit.batch.cluster import connected, map_on_cluster
-from topokit.batch.examine import Questions
-from topokit.batch.limits import Limits
-from topokit.batch.workers import examine_each
 from topokit.errors import InputError
 
 pytest.importorskip("distributed")
@@ -90,8 +87,17 @@ def test_a_large_volume_is_counted_by_all_workers(
     assert clients == [dask_client]
 
 
-def test_limits_and_addresses_that_do_not_fit() -> None:
-    with pytest.raises(InputError, match="a cluster has its own"):
-        next(examine_each((), Questions(), 1, Limits(seconds=1), client=object()))
+def test_limits_hold_on_the_workers(dask_client: Any, tmp_path: Path) -> None:
+    shutil.copy(DATA / "sphere.ply", tmp_path / "a.ply")
+    (tmp_path / "b.xyz").write_text("\n".join(f"{n % 97} {n % 89} {n % 83}" for n in range(400_000)))
+    shutil.copy(DATA / "torus.stl", tmp_path / "c.stl")
+    before = dask_client.run(os.getpid)
+    rows = tk.survey(tmp_path, time_limit=3, client=dask_client).rows
+    assert [row["euler"] for row in rows] == [2, None, 0]
+    assert rows[1]["error"] == f"{tmp_path / 'b.xyz'}: it took longer than the time limit of 3 s."
+    assert dask_client.run(os.getpid) == before  # what ended was no worker
+
+
+def test_addresses_without_a_scheduler() -> None:
     with pytest.raises(InputError, match=r"no scheduler answers at 'nonsense://x'"), connected("nonsense://x"):
         pass

@@ -51,8 +51,8 @@ def map_in_processes(
         limits: on each task; a process that exceeds one is ended.
     """
     folder = tempfile.TemporaryDirectory(prefix="topokit-", ignore_cleanup_errors=True)
-    workers = [_Worker(max(1, n_cores() // jobs), folder.name, limits) for _ in range(jobs)]
-    idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
+    workers = [Worker(max(1, n_cores() // jobs), folder.name, limits) for _ in range(jobs)]
+    idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
     for worker in workers:
         idle.put(worker)
 
@@ -61,7 +61,7 @@ def map_in_processes(
         try:
             result: Result = worker.call(function, task)
             return result
-        except _DeathError as death:
+        except DeathError as death:
             return after_death(task, str(death))
         finally:
             idle.put(worker)
@@ -86,11 +86,11 @@ def map_in_processes(
             worker.close()
 
 
-class _DeathError(Exception):
+class DeathError(Exception):
     """A process ended before it answered; the message says how."""
 
 
-class _Worker:
+class Worker:
     """A process that answers one task at a time; it is started with the first one, and again after its death."""
 
     def __init__(self, n_threads: int, folder: str, limits: Limits) -> None:
@@ -106,7 +106,7 @@ class _Worker:
         """What the function returns in the process.
 
         Raises:
-            _DeathError: if the process ends instead, or is ended for exceeding a limit.
+            DeathError: if the process ends instead, or is ended for exceeding a limit.
         """
         process = self._ready()
         exceeded: list[str] = []
@@ -120,7 +120,7 @@ class _Worker:
                 content = _reply(process, function, task)
         except (EOFError, OSError):
             ended = _how_it_ended(self.close())
-            raise _DeathError(exceeded[0] if exceeded else ended) from None
+            raise DeathError(exceeded[0] if exceeded else ended) from None
         if exceeded:  # it was ended just after its answer
             self.close()
         else:
@@ -146,7 +146,7 @@ class _Worker:
     def _ready(self) -> subprocess.Popen[bytes]:
         """The process, which is started if need be; interrupts from the keyboard do not reach it."""
         if self._is_stopped:
-            raise _DeathError("it was stopped")
+            raise DeathError("it was stopped")
         if self._process is None:
             command = [sys.executable, "-c", _START.format(path=sys.path)]
             self._process = subprocess.Popen(
@@ -161,7 +161,7 @@ class _Worker:
         try:
             _reply(process, import_what_is_needed, None)
         except (EOFError, OSError):
-            raise _DeathError(_how_it_ended(self.close())) from None
+            raise DeathError(_how_it_ended(self.close())) from None
         self._least = memory_of(process.pid)
 
     def _replace_if_full(self, process: subprocess.Popen[bytes]) -> None:

@@ -97,6 +97,20 @@ class Survey:
             names = names_in_common_folder(self._sources)
             write_html((entry(answer, names) for _, answers in coming for answer in answers), path, title=title)
 
+    def save_parquet(self, path: str | os.PathLike[str]) -> None:
+        """Write the rows as a Parquet file, while they become known; the columns have the same types in every file.
+
+        Args:
+            path: file to write; it appears when it is complete.
+
+        Raises:
+            MissingDependencyError: if pyarrow is not installed.
+            InputError: if the file cannot be written.
+        """
+        from topokit.batch.parquet import write_parquet
+
+        write_parquet(self, path)
+
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
         return summarize(self.rows)

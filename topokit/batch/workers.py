@@ -11,10 +11,11 @@ from typing import Any
 
 from topokit.batch.examine import Answer, Options, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
+from topokit.batch.own_process import call_in_own_process
 from topokit.batch.processes import map_in_processes
 from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
-from topokit.errors import InputError, TopokitError
+from topokit.errors import TopokitError
 from topokit.inputs.remote import is_zarr_address
 
 _LARGE = (  # what several workers may share
@@ -37,16 +38,11 @@ def examine_each(
         jobs: number of processes; 1 stays in this one unless there are limits, 0 is one for each core.
         limits: on each file.
         client: a `dask.distributed.Client`, whose workers examine the files instead; or None.
-
-    Raises:
-        InputError: if there are limits and a client.
     """
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
     jobs = jobs or n_cores()
     if client is not None:
-        if limits:
-            raise InputError("limits on time and memory are for processes of this machine; a cluster has its own.")
-        yield from _on_cluster(sources, questions, client)
+        yield from _on_cluster(sources, questions, limits, client)
     elif (jobs == 1 and not limits) or not sources:
         yield from enumerate(map(ask, sources))
     else:
@@ -67,14 +63,20 @@ class _WithClient:
         return adapter, {**options, "client": self.client}
 
 
-def _on_cluster(sources: Sequence[Source], questions: Questions, client: Any) -> Generator[tuple[int, list[Answer]]]:
-    """The answers of a cluster: each file by one worker, then each large volume or cloud by all of them."""
+def _on_cluster(
+    sources: Sequence[Source], questions: Questions, limits: Limits, client: Any
+) -> Generator[tuple[int, list[Answer]]]:
+    """The answers of a cluster: each file by one worker, then each large volume or cloud by all of them.
+
+    With limits every file is examined by one worker, in a process of its own.
+    """
     from topokit.batch.cluster import map_on_cluster
 
     found = [_from_anywhere(source) for source in sources]
-    large = [number for number, source in enumerate(found) if _is_large(source, questions)]
+    large = [number for number, source in enumerate(found) if not limits and _is_large(source, questions)]
     others = [number for number in range(len(found)) if number not in set(large)]
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
+    ask = partial(call_in_own_process, ask, after_death=_after_death, limits=limits) if limits else ask
     with closing(map_on_cluster(ask, [found[number] for number in others], client, _after_death)) as coming:
         for place, answers in coming:
             yield others[place], answers

@@ -102,10 +102,6 @@ def _request(
         raise typer.BadParameter(f"--fail-on: {error}") from error
     is_going = keep_going is None or keep_going
     limits = Limits(time_limit, memory_limit)
-    if cluster is not None and limits:
-        raise typer.BadParameter(
-            "--time-limit and --memory-limit are for processes of this machine, not for --cluster."
-        )
     n_jobs = int(cluster is None) if jobs is None else jobs
     return Request(format, _labels(labels), n_jobs, cluster, limits, conditions, is_going, bool(verbose))
 

@@ -109,7 +109,7 @@ class GridInBoxes:
     Attributes:
         known: all that is known now, this grid included.
         boxes: what was counted in each box.
-        change: the median change along edges that cross the zero set, rounded down to 11 bits; None without such edges.
+        change: the median change along edges that cross the zero set, rounded down to 8 bits; None without such edges.
         n_evaluations: points at which the field was evaluated for this grid, with those of coarser grids that it took.
     """
 

@@ -1,0 +1,44 @@
+"""Rows of a survey as a Parquet file, written while they come."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from itertools import islice
+from typing import Any
+
+from topokit.batch.examine import COLUMNS, Row
+from topokit.errors import MissingDependencyError
+from topokit.inputs.writing import completed_file
+
+_GROUP = 4096  # rows that are held in memory, and read together later
+_TEXTS = ("file", "adapter", "verdict", "reason", "error")
+_FLAGS = ("closed", "manifold")
+_NUMBERS = ("confidence", "resolution", "estimate", "refined", "seconds")  # all others are integers
+
+
+def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str]) -> None:
+    """Write rows under the names of `COLUMNS`, with the same types whatever is in them; None is null.
+
+    Raises:
+        MissingDependencyError: if pyarrow is not installed.
+        InputError: if the file cannot be written.
+    """
+    try:
+        import pyarrow
+        from pyarrow.parquet import ParquetWriter
+    except ImportError as error:
+        raise MissingDependencyError('Writing Parquet needs pyarrow: pip install "topokit[cluster]".') from error
+    schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in COLUMNS])
+    coming = iter(rows)
+    with completed_file(path) as unfinished, ParquetWriter(unfinished, schema) as writer:
+        while group := list(islice(coming, _GROUP)):
+            writer.write_table(pyarrow.Table.from_pylist(group, schema))
+
+
+def _kind(pyarrow: Any, name: str) -> Any:
+    if name in _TEXTS:
+        return pyarrow.string()
+    if name in _FLAGS:
+        return pyarrow.bool_()
+    return pyarrow.float64() if name in _NUMBERS else pyarrow.int64()

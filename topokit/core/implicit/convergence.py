@@ -98,7 +98,7 @@ def convergence_study(
     finest: int,
     progress: Progress = no_progress,
     blocks: Blocks = ONE_BY_ONE,
-    kept_cells: int = _KEPT_CELLS,
+    kept_cells: int | None = None,
 ) -> ConvergenceStudy:
     """Count χ on a grid and on grids of twice, four times, ... the cells.
 
@@ -114,10 +114,10 @@ def convergence_study(
         finest: no grid gets more cells than this along its longest axis.
         progress: told how many points of each grid are evaluated.
         blocks: how grids that are not kept are divided.
-        kept_cells: cells along the longest axis up to which grids are evaluated as a whole and kept; which ones are
-            changes no count.
+        kept_cells: cells along the longest axis up to which grids are evaluated as a whole and kept, 256 by default;
+            which ones are changes no count.
     """
-    found = list(_grids(coarsest, evaluate, finest, progress, blocks, kept_cells))
+    found = list(_grids(coarsest, evaluate, finest, progress, blocks, kept_cells or _KEPT_CELLS))
     counts = [GridCount(one.grid.n_cells, one.grid.step, *one.eulers) for one in found]
     shifted = [euler for one in found for euler in one.shifted]
     euler = _most_frequent(counts)

@@ -96,8 +96,10 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     dense = faces[0].high  # always that of the last layer so far
     # Used in turn: fresh memory for every plane costs as much as counting it.
     before, runs = Runs.empty((n_y, n_z)), Runs.empty((n_y, n_z))
+    wide = np.zeros((n_y, -(-n_z // 8) * 8), bool)
     for x, plane in enumerate(is_six):
-        forest.label(np.ascontiguousarray(plane), (place[0] + x, place[1], place[2]), shape, runs)
+        wide[:, :n_z] = plane
+        forest.label(wide, (place[0] + x, place[1], place[2]), shape, runs)
         if x > 0:
             forest.join(before, runs)
         write_dense(*runs, dense)
@@ -187,11 +189,12 @@ class _Forest:
         self._n_nodes, self._dual = new.stop, self._dual + part.dual
 
     def label(self, is_six: Bools, place: Triple, shape: Triple, runs: Runs) -> None:
-        """Label the next plane of a block and write its runs."""
+        """Label the next plane of a block, its rows filled up to a multiple of 8, and write its runs."""
         self._reserve(is_six.size)
         where = np.array(place), np.array(shape)
+        n = runs.labels.shape[1]
         self._n_nodes = label_plane(
-            is_six, *where, self._parents, self._nodes, self._is_six, self._n_nodes, runs.labels, runs.stops
+            is_six, n, *where, self._parents, self._nodes, self._is_six, self._n_nodes, runs.labels, runs.stops
         )
 
     def join(self, lower: Runs, upper: Runs, axis: int = 0) -> None:

@@ -25,8 +25,8 @@ def _shortest(path: tuple[str, ...], endings: Counter[tuple[str, ...]]) -> str:
 def names_in_common_folder(sources: Sequence[Source]) -> dict[str, str]:
     """By the name of each source its path below the folder that all of them have in common, with / between folders.
 
-    Such names say nothing about the machine. Standard input and addresses keep their own; where there is no such folder, as on two
-    drives, they are those of `distinguishing_names`.
+    Such names say nothing about the machine. Standard input and addresses keep their own; where there is no such
+    folder, as on two drives, they are those of `distinguishing_names`.
     """
     places = {
         source.name: Path(os.path.abspath(source.path))

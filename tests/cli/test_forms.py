@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from topokit.batch.examine import COLUMNS
 from topokit.cli.app import app
-from topokit.cli.options import _TEXTS
+from topokit.cli.options import _TEXTS, in_shell
 from topokit.plugins.foreign_code import options_of
 from topokit.plugins.registry import list_adapters
 
@@ -164,6 +164,46 @@ def test_labels_of_a_volume(tmp_path: Path) -> None:
     (row,) = [json.loads(line) for line in invoke("euler", parts, "--labels", "9", "--jsonl").stdout.splitlines()]
     assert row == {"file": str(parts), "label": 9, "euler": 4, "verdict": "certain"}
     assert "no voxel has the label 5" in invoke("euler", parts, "--labels", "5").stderr
+
+
+def test_a_table_of_labels_shows_whole_names(tmp_path: Path) -> None:
+    np.save(tmp_path / "parts.npy", np.arange(4).repeat(16).reshape(8, 2, 4))
+    for labels, shown in (("all", (1, 2, 3)), ("2,3", (2, 3))):
+        lines = invoke("report", tmp_path / "parts.npy", "--labels", labels, "--table").stdout.splitlines()
+        names = [f"{tmp_path / 'parts.npy'}, label {label} " for label in shown]
+        assert [line[: len(name)] for line, name in zip(lines[1:], names, strict=True)] == names
+        assert len({line.index("certain") for line in lines[1:]} | {lines[0].index("verdict")}) == 1
+
+
+def test_files_of_one_name_are_told_apart(folder: Path) -> None:
+    for name in ("left", "right"):
+        (folder / name).mkdir()
+        shutil.copy(DATA / "sphere.ply", folder / name / "part.ply")
+    found = invoke("report", folder, "--html", folder / "page.html")
+    assert re.findall(r"^(\S+): Euler", found.stdout, re.MULTILINE) == [
+        "bowl.obj",
+        str(Path("left", "part.ply")),
+        str(Path("right", "part.ply")),
+        "torus.stl",
+    ]
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    assert re.findall(r'class="name"><a [^>]*>([^<]*)<', page) == [
+        "bowl.obj",
+        "left/part.ply",
+        "right/part.ply",
+        "torus.stl",
+        "truncated.stl",
+    ]
+    assert str(folder) not in page
+
+
+def test_advice_is_given_in_options(tmp_path: Path) -> None:
+    (tmp_path / "letter.obj").write_text("hello\n" * 9)
+    assert "for points use --adapter points." in invoke("euler", tmp_path / "letter.obj").stderr
+    found = invoke("euler", DATA / "sphere.ply", "--adapter", "voxels").stderr
+    assert "from_" not in found
+    line = "Use topokit.from_points, or topokit.from_mesh(vertices, faces)."
+    assert in_shell(line, "a.obj") == "Use --adapter points, or topokit.from_mesh(vertices, faces)."
 
 
 @pytest.mark.parametrize("charset", ["ascii", "cp1252", "cp437", "latin-1", "utf-8"])

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members
 
 
 class OfALibrary(Exception):
@@ -80,3 +80,16 @@ def test_headers_are_held_against_the_size_of_the_file() -> None:
     require_expansion("a.spz", 200 * (1 << 21), 1 << 21)
     with pytest.raises(ReadError, match=r"a\.spz has 10 bytes .*decompression bomb"):
         require_expansion("a.spz", (1 << 28) + 1, 10)
+
+
+def test_members_of_archives_are_held_against_the_size_of_the_file(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "a.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("one", bytes(3_000_000))
+        archive.writestr("two", bytes(3_000_000))
+        members = archive.infolist()
+    require_members(tmp_path / "a.zip", members)
+    with pytest.raises(ReadError, match="content of 6000000 bytes, more than 200 times"):
+        require_members(tmp_path / "a.zip", members, free=100)
+    members[1].compress_size = 1 << 30
+    with pytest.raises(ReadError, match="2 members of 10737.* packed bytes"):
+        require_members(tmp_path / "a.zip", members)

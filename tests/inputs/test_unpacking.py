@@ -55,6 +55,25 @@ def test_errors_name_the_packed_file(tmp_path: Path) -> None:
         tk.from_mesh(packed)
 
 
+@pytest.mark.parametrize("name", ["cloud.ply", "cloud.npy", "archive.npz"])
+@pytest.mark.parametrize("n_bytes", [8, 200])
+def test_a_truncated_packed_file_is_called_damaged(name: str, n_bytes: int, tmp_path: Path) -> None:
+    packed = gzip.compress(np.random.default_rng(0).bytes(2000))
+    (tmp_path / f"{name}.gz").write_bytes(packed[:n_bytes])
+    with pytest.raises(ReadError, match=rf"{name}\.gz could not be read by gzip .*truncated"):
+        tk.load(tmp_path / f"{name}.gz")
+
+
+@pytest.mark.parametrize(("suffix", "expected"), [(".ply", "b'ply'"), (".npy", "NUMPY"), (".npz", "PK")])
+def test_another_file_under_a_suffix_of_several_adapters(suffix: str, expected: str, tmp_path: Path) -> None:
+    (tmp_path / f"a{suffix}").write_text("0.25 0.5 1\n" * 40)
+    (tmp_path / f"a{suffix}.gz").write_bytes(gzip.compress(b"0.25 0.5 1\n" * 40))
+    for name in (f"a{suffix}", f"a{suffix}.gz"):
+        with pytest.raises(ReadError, match=rf"a\{suffix}(\.gz)? begins with b'0\.25 0\.5 1.*{expected}"):
+            tk.load(tmp_path / name)
+    assert tk.load(tmp_path / f"a{suffix}", format="xyz", n_neighbors=3).samples.n_points == 40
+
+
 def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("topokit.inputs.unpacking.FREE_OF_MASKS", 1 << 20)
     (tmp_path / "bomb.xyz.gz").write_bytes(gzip.compress(bytes(20 << 20)))

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from topokit.errors import ReadError
 from topokit.inputs.files import BEGINNINGS, ZIP
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading, require_bytes, require_members
 from topokit.inputs.unpacking import unpacked
 
 NUMPY = BEGINNINGS[".npy"]
@@ -48,7 +48,7 @@ def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:
             for entry in archive.infolist():
                 name = entry.filename
                 if name.endswith(".npy"):
-                    require_expansion(path, entry.file_size, path.stat().st_size)
+                    require_members(path, [entry])
                     with archive.open(entry) as member:
                         shapes[name.removesuffix(".npy").lower()] = _array_shape(member, path, entry.file_size)
     return shapes

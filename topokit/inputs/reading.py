@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -87,3 +87,15 @@ def require_expansion(path: Path | str, needed: int, file_size: int, free: int =
             f"{path} has {file_size} bytes and announces content of {needed} bytes, more than {_MOST_EXPANSION} times "
             "its size: its header is wrong or it is a decompression bomb. Export or download it again."
         )
+
+
+def require_members(path: Path, members: Iterable[zipfile.ZipInfo], free: int = _FREE) -> None:
+    """Refuse members of a zip archive that claim more packed bytes than it has, which are allocated before they are read.
+
+    Raises:
+        ReadError: if they do, or expand to more than `free` bytes (256 MiB) and 200 times the archive's size.
+    """
+    found, size = list(members), path.stat().st_size
+    packed = sum(member.compress_size for member in found)
+    require_bytes(path, f"{len(found)} members of {packed} packed bytes", packed, size)
+    require_expansion(path, sum(member.file_size for member in found), size, free)

@@ -94,6 +94,11 @@ _SENTENCES = {
         "The noise is far larger than the distances between the points: {value:.0f} samples, averaged over wide "
         "neighborhoods, were used, and details are lost with the noise.",
     ),
+    "rounding": (
+        "",
+        "So far from the origin single precision rounds coordinates to steps of {value:.2g} sample spacings, and details "
+        "are lost: subtract an offset before they are stored.",
+    ),
     "second look": (
         "",
         "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "

@@ -73,6 +73,13 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "46 closed real meshes, 10 000 random points: at most 0.083 (plain) and 0.034 (0.5 % noise), 0.005 on "
             "smooth ones; scan lines on a sphere exceed it",
         ),
+        "rounding": Threshold(
+            0.5,
+            "sample spacings",
+            "step between neighboring coordinates in single precision, at most",
+            "clouds of 4 000 to 6 000 points from five shapes of known χ, rounded to steps of 0.1 to 4 spacings: every "
+            "integer was right up to 1.5 spacings, from 2 on most were wrong; such clouds keep a distance from that",
+        ),
         "open_length": Threshold(
             60,
             "sample spacings",
@@ -181,6 +188,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False, decides=True))
     elif witness.signs.confirmed is not None:
         checks.append(replace(_at_least("confirmed", witness.signs.confirmed), decides=True))
+    checks += _rounding(witness)
     if witness.preparation == "thinned":  # the calibration has no such noise
         checks.append(Check("noise", float(witness.n_used), False, decides=True))
     if witness.smoothed is not None:
@@ -211,8 +219,15 @@ def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
         _at_least("wire_share", wire.share),
         _at_least("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
         _at_most("wire_narrowness", wire.narrowness),
+        *_rounding(witness),
     )
     return tuple(replace(check, decides=True) for check in checks)
+
+
+def _rounding(witness: Witness) -> list[Check]:
+    """A check that has failed, of coordinates that single precision has rounded; else none."""
+    check = _at_most("rounding", witness.rounding / witness.spacing)
+    return [] if check.passed else [replace(check, decides=True)]
 
 
 def has_genus(witness: Witness) -> bool:

@@ -18,6 +18,7 @@ import trimesh
 from plyfile import PlyData, PlyElement
 
 import topokit as tk
+from topokit.adapters.points.entry import is_obj_cloud
 from topokit.errors import InputError, ReadError
 from topokit.inputs.cells import polygons_of_cells, polygons_of_list
 from topokit.testing import icosphere, sphere_samples, torus_mesh
@@ -126,6 +127,24 @@ def test_an_obj_without_faces_is_a_cloud(tmp_path: Path) -> None:
         tk.from_points(tmp_path / "mesh.obj")
 
 
+@pytest.mark.parametrize(
+    ("content", "is_cloud"),
+    [
+        (b"v 0 0 1\nv 1 2 3", True),
+        (b"# a\r\n \t v\t0 0 1\r\n", True),
+        (b"v 0 0 1\n  f\t1 1 1", False),
+        (b"f 1 1 1\nv 0 0 1\n", False),
+        (b"f 1 1 1\n" + b"v 0 0 1\n" * 20_000, False),
+        (b"v 0 0 1\n" * 20_000 + b"f 1 1 1\n", False),
+        (b"v 0 0 1 # if\n#f 1 1 1\nvf 1\n", True),
+        (b"vn 0 0 1\nfo 1\n", False),
+    ],
+)
+def test_which_obj_is_a_cloud(content: bytes, is_cloud: bool, tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_bytes(content)
+    assert is_obj_cloud(tmp_path / "a.obj") is is_cloud
+
+
 # STL and glTF
 
 
@@ -139,6 +158,22 @@ def binary_stl(announced: int, rest: bytes = b"") -> bytes:
 @pytest.mark.parametrize("content", [binary_stl(80), binary_stl(0), binary_stl(0xFFFFFFFF), binary_stl(80, b"by X")])
 def test_counts_of_stl_that_nobody_filled_in(content: bytes, tmp_path: Path) -> None:
     assert euler_of(tmp_path / "a.stl", content) == (2, "certain")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"hello, this is a letter\n" * 20, "is text, and STL as text begins with 'solid'"),
+        (b"hello", "is text, and STL as text begins with 'solid'"),
+        (binary_stl(80)[:60], "has 60 bytes, and the header of a binary .stl file has 84: it is truncated"),
+        (binary_stl(0)[:84], "holds no triangles"),
+        (binary_stl(80)[:500], "announces 80 triangles and has bytes for 8: it is truncated"),
+    ],
+)
+def test_what_is_no_whole_stl_is_called_so(content: bytes, message: str, tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(content)
+    with pytest.raises(ReadError, match=message):
+        tk.load(tmp_path / "a.stl")
 
 
 @pytest.mark.parametrize("announced", [79, 81, 10**6])

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 import topokit
+from topokit.core.cloud.rounding import single_precision_step
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,25 @@ def test_points_far_off_are_left_out_and_told() -> None:
     assert outward is not None
     assert outward.shape == (2003, 3)
     assert float((outward[:2000] * torch.from_numpy(points[:2000])).sum(1).mean()) > 0.95
+
+
+def test_coordinates_that_single_precision_has_rounded_are_never_likely() -> None:
+    exact = 20 * sphere(4000)
+    far = exact + 1e7  # where single precision has whole numbers only, and the spacing is about 1
+    assert topokit.from_points(far).report().verdict == "likely"
+    assert topokit.from_points(exact.astype(np.float32)).report().verdict == "likely"
+    for rounded in (far.astype(np.float32), far.astype(np.float32).astype(np.float64)):
+        report = topokit.from_points(rounded).report()
+        assert report.verdict == "unsure"
+        assert any("single precision rounds coordinates to steps of" in reason for reason in report.reasons)
+
+
+@pytest.mark.parametrize("largest", [1e-30, 0.3, 1.0, 1.5, 100.0, 1e7, 3e30])
+def test_the_step_of_single_precision(largest: float) -> None:
+    single = np.float32(largest)
+    points = torch.tensor([[0.0, -float(single), 0.125 * float(single)]], dtype=torch.float64)
+    assert single_precision_step(points) == float(np.spacing(single))
+    assert single_precision_step(points * (1 + 1e-12)) == 0
 
 
 def test_a_second_object_far_away_is_not_left_out() -> None:

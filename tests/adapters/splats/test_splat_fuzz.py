@@ -199,6 +199,15 @@ def test_meta_that_is_valid_json_but_nonsense(tmp_path: Path) -> None:
             tk.GaussianSplats.from_file(tmp_path / "scene.sog")
 
 
+def test_an_image_far_larger_than_its_splats_is_refused(tmp_path: Path) -> None:
+    members = sog_members(random_scene(20))
+    claimed = bytearray(members["quats.webp"])
+    claimed[21:25] = (16383 | 1023 << 14).to_bytes(4, "little")  # 64 MiB once they are unpacked
+    (tmp_path / "scene.sog").write_bytes(zip_members({**members, "quats.webp": bytes(claimed)}))
+    with pytest.raises(ReadError, match="has 16384 × 1024 pixels, which do not fit 20 splats"):
+        tk.GaussianSplats.from_file(tmp_path / "scene.sog")
+
+
 def test_an_archive_bomb_is_refused(tmp_path: Path) -> None:
     members = sog_members(random_scene(20))
     target = io.BytesIO()

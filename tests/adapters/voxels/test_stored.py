@@ -98,6 +98,11 @@ def test_every_kind_gives_the_report_of_the_array(kind: str, tmp_path: Path) -> 
         assert same(tk.from_voxels(source, **place, **options).report(), expected)
 
 
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.startswith(("zarr array", "HDF", "Dask"))])
+def test_load_takes_stored_arrays(kind: str, tmp_path: Path) -> None:
+    assert same(tk.load(KINDS[kind](tmp_path, volume())).report(), tk.from_voxels(volume()).report())
+
+
 @pytest.mark.parametrize("options", [{"level": 3.5}, {"label": 7}, {"label": 0}, {"connectivity": 6}])
 @pytest.mark.parametrize("kind", ["uint8", "int16", ">u2", "uint32", "float32", "float64"])
 def test_options_and_types(kind: str, options: dict[str, Any], tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading, require_expansion
+from topokit.inputs.reading import reading, require_members
 
 _MACHINE_CODE = "data/aotinductor/"  # shared libraries of AOTInductor, which are loaded into the process
 _OBJECTS = ("opaque_obj_", "custom_obj_")  # constants that are pickled Python objects, or objects of C++ classes
@@ -38,7 +38,7 @@ def safe_copy(path: Path) -> io.BytesIO:
         zipfile.ZipFile(target, "w") as copy,
     ):
         entries = archive.infolist()
-        require_expansion(path, sum(entry.file_size for entry in entries), path.stat().st_size)
+        require_members(path, entries)
         names = [entry.filename for entry in entries]
         if len(set(names)) < len(names):
             raise ReadError(f"{path} holds two members of one name: it is damaged, or made to mislead.")

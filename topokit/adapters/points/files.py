@@ -22,6 +22,7 @@ from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.ply import ply_elements
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
+_PCD_LINES = 10
 _INSTALL = 'pip install "topokit[formats]"'
 
 
@@ -96,6 +97,9 @@ def _read_pcd(path: Path) -> Cloud:
     found = re.match(rb".*?^DATA[ \t]+(\w+)[^\n]*\n", content, re.DOTALL | re.MULTILINE)
     if found is None:
         raise ReadError(f"{path} has no complete .pcd header: it is truncated.")
+    lines = [line for line in map(bytes.strip, found.group().splitlines()) if line and not line.startswith(b"#")]
+    if len(lines) > _PCD_LINES:  # pypcd4 takes what follows for compressed points
+        raise ReadError(f"{path} has a header of {len(lines)} lines; a .pcd file has at most {_PCD_LINES}.")
     damaged = (LookupError, TypeError, RuntimeError)
     with reading(path, "pypcd4", *damaged):
         header = MetaData.parse_header(found.group().decode("utf-8").splitlines())

@@ -49,10 +49,12 @@ def checked_lengths(lengths: Tensor | Sequence[int], points: Tensor, least: int)
         InputError: if they are no integers of that shape, too small or too large.
     """
     given = torch.as_tensor(lengths)
-    if given.is_floating_point() or given.shape != points.shape[:-2]:
+    if given.is_floating_point() or given.is_complex() or given.dtype == torch.bool:
+        raise InputError(f"lengths must be integers, the number of points of each cloud; got {given.dtype}.")
+    if given.shape != points.shape[:-2]:
         raise InputError(
-            f"lengths must be integers, one for each cloud, of shape {tuple(points.shape[:-2])}; got {given.dtype} of "
-            f"shape {tuple(given.shape)}."
+            f"lengths must have the shape {tuple(points.shape[:-2])}, one number for each cloud; got the shape "
+            f"{tuple(given.shape)}."
         )
     most = points.shape[-2]
     is_on_host = not (isinstance(lengths, Tensor) and stays_on_device(given))

@@ -65,7 +65,10 @@ VOXELS = Adapter(
         *(".tif", ".tiff", ".npy", ".npz", ".zarr", ".h5", ".hdf5"),
     ),
     can_open=is_volume,
-    types=("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor"),
+    types=(
+        *("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor"),
+        *("zarr.Array", "h5py.Dataset", "dask.array.Array"),
+    ),
     extra="topokit[volumes]",
     suffix_requires=(
         *((suffix, "nibabel") for suffix in (".nii", ".nii.gz", ".img")),

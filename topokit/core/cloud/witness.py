@@ -29,6 +29,7 @@ from topokit.core.cloud.neighborhoods import (
     turned_towards,
     unit,
 )
+from topokit.core.cloud.rounding import single_precision_step
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
 from topokit.core.kd_tree import nearest_in_tree
@@ -116,6 +117,7 @@ def global_witness(
         surface=None,
         preparation=look.preparation,
         is_widened=look.is_widened,
+        rounding=single_precision_step(points),
     )
     if look.wire is not None:
         return _as_wire(witness, look.wire)

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading, require_expansion
+from topokit.inputs.reading import reading, require_members
 
 _FREE_XML = 1 << 26  # bytes of XML that any archive may hold: its tree takes up to twenty times as much
 _MOST_INSTANCES = 1 << 16  # of objects in a 3MF file, each of which has a matrix and a name
@@ -19,7 +19,7 @@ def check_3mf(path: Path) -> None:
     """Refuse an archive that expands absurdly, and components within components that multiply without bound."""
     with reading(path, "zipfile", NotImplementedError, RuntimeError), zipfile.ZipFile(path) as archive:
         entries = archive.infolist()
-        require_expansion(path, sum(entry.file_size for entry in entries), path.stat().st_size, _FREE_XML)
+        require_members(path, entries, _FREE_XML)
         models = [entry for entry in entries if "3d/3dmodel.model" in entry.filename.lower()]
         if not models:
             raise ReadError(f"{path} holds no 3D/3dmodel.model; it is not a 3MF file or it is damaged.")

@@ -16,12 +16,13 @@ from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable,
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.beside import file_beside
 from topokit.inputs.files import head
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members
 
 Pixels = NDArray[np.uint8]
 _META = "meta.json"
 _LONGEST_META = 1 << 22  # bytes; real ones have about 15 000
-_MOST_PIXELS = 1 << 26
+_FREE_PIXELS = 1 << 20  # that an image may have, however few splats there are
+_MOST_PER_SPLAT = 4  # pixels beyond that; writers round the sides of an image up, by a few pixels
 
 
 def read_sog(path: Path) -> SplatTable:
@@ -63,7 +64,7 @@ def _from_archive(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
         raise ReadError(
             f"{path}: {name} is packed by method {entries[0].compress_type}; stored or deflated is expected."
         )
-    require_expansion(path, entries[0].file_size, path.stat().st_size)
+    require_members(path, entries[:1])
     with reading(path, "zipfile", RuntimeError):  # an encrypted member
         return archive.read(entries[0])
 
@@ -131,7 +132,7 @@ def _means(low: NDArray[np.float64], high: NDArray[np.float64], fine: Pixels, co
 def _image(name: str, content: bytes, count: int) -> Pixels:
     """The first `count` pixels as (count, 4), sized by the image's own header before Pillow sees it."""
     width, height = _webp_size(name, content)
-    if not count <= width * height <= _MOST_PIXELS:
+    if not count <= width * height <= max(_FREE_PIXELS, _MOST_PER_SPLAT * count):
         raise ReadError(f"{name} has {width} × {height} pixels, which do not fit {count} splats.")
     require_expansion(name, 4 * width * height, len(content))
     try:

@@ -91,5 +91,5 @@ def test_members_of_archives_are_held_against_the_size_of_the_file(tmp_path: Pat
     with pytest.raises(ReadError, match="content of 6000000 bytes, more than 200 times"):
         require_members(tmp_path / "a.zip", members, free=100)
     members[1].compress_size = 1 << 30
-    with pytest.raises(ReadError, match="2 members of 10737.* packed bytes"):
+    with pytest.raises(ReadError, match=r"2 members of 10737\d+ packed bytes"):
         require_members(tmp_path / "a.zip", members)

@@ -21,7 +21,7 @@ class Journal:
 
     Attributes:
         path: of the file, which need not exist.
-        options: those that change answers, as `plain_options` returns them; each record has them, unless there are none.
+        options: those that change answers, as `plain_options` returns them; each record has them, if there are any.
         several: whether a file may have several lines, as those of labels.
         retries: whether files that failed count as not examined.
     """

@@ -90,7 +90,7 @@ def require_expansion(path: Path | str, needed: int, file_size: int, free: int =
 
 
 def require_members(path: Path, members: Iterable[zipfile.ZipInfo], free: int = _FREE) -> None:
-    """Refuse members of a zip archive that claim more packed bytes than it has, which are allocated before they are read.
+    """Refuse members of a zip archive that claim more packed bytes than it has: they are allocated before any is read.
 
     Raises:
         ReadError: if they do, or expand to more than `free` bytes (256 MiB) and 200 times the archive's size.

@@ -96,8 +96,8 @@ _SENTENCES = {
     ),
     "rounding": (
         "",
-        "So far from the origin single precision rounds coordinates to steps of {value:.2g} sample spacings, and details "
-        "are lost: subtract an offset before they are stored.",
+        "So far from the origin single precision rounds coordinates to steps of {value:.2g} sample spacings, and "
+        "details are lost: subtract an offset before they are stored.",
     ),
     "second look": (
         "",

@@ -43,8 +43,8 @@ class CountedAnswer:
         evidence: the count.
         components: the surface's connected components, largest area first.
         closed: whether the surface is a closed manifold.
-        boundary_loops: number of boundary loops, or None if they were not counted. Where a mesh is no manifold, they are
-            those of its faces once pinched vertices are taken apart.
+        boundary_loops: number of boundary loops, or None if they were not counted. Where a mesh is no manifold, they
+            are those of its faces once pinched vertices are taken apart.
         verdict: how far the answer may be believed.
         reasons: sentences with their numbers.
         resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.

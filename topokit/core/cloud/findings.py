@@ -82,8 +82,8 @@ class Witness:
             everywhere, else None.
         is_widened: whether the votes are those of samples shifted along their normals, which widens thin walls and
             narrow gaps.
-        rounding: step between neighboring values of the coordinates, in units of length, where these have no more digits
-            than single precision; else 0.
+        rounding: step between neighboring values of the coordinates, in units of length, where these have no more
+            digits than single precision; else 0.
     """
 
     euler: int

@@ -33,7 +33,9 @@ def counted_stl(path: Path) -> Path | io.BytesIO:
             "line is missing."
         )
     if size < _HEADER:
-        raise ReadError(f"{path} has {size} bytes, and the header of a binary .stl file has {_HEADER}: it is truncated.")
+        raise ReadError(
+            f"{path} has {size} bytes, and the header of a binary .stl file has {_HEADER}: it is truncated."
+        )
     announced = int.from_bytes(start[-4:], "little")
     held, rest = divmod(size - _HEADER, _TRIANGLE)
     if announced == held and not rest:

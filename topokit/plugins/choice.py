@@ -72,7 +72,7 @@ def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:
     best = max(matching, key=rank)
     names = [repr(adapter.name) for adapter in matching if rank(adapter) == rank(best)]
     if len(names) > 1:
-        if isinstance(source, Path) and source.is_file():
+        if isinstance(source, Path) and source.is_file() and not _recognizes(best, source):
             with unpacked(source) as plain:
                 require_beginning(plain)
         options = " or ".join(f"adapter={name}" for name in names)

@@ -109,3 +109,8 @@ def test_given_normals_are_judged(make: Callable[[], Cloud]) -> None:
 def test_repeated_points_count_once_and_share_their_normal() -> None:
     points, _ = sphere(1000)
     np.testing.assert_array_equal(outward(np.repeat(points, 12, axis=0)), np.repeat(outward(points), 12, axis=0))
+
+
+def test_clouds_of_small_parts_alone_have_signs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("topokit.core.cloud.orientation._SMALLEST_PART", 1000)
+    assert tk.from_points(sphere_samples(500).points).report().euler == 2

@@ -150,7 +150,7 @@ def _is_believed(surface: Floats, is_on: Booleans, normals: Floats, parts: Integ
     size = np.bincount(parts)
     covered = np.bincount(parts, is_on)[size >= _SMALLEST_PART] / size[size >= _SMALLEST_PART]
     whole = float(is_on.mean())
-    return contradicted <= _FEW_CONTRADICTED and min(whole, *covered) >= least_coverage
+    return contradicted <= _FEW_CONTRADICTED and min((whole, *covered)) >= least_coverage
 
 
 def orient_by_patches(

@@ -113,4 +113,4 @@ def test_repeated_points_count_once_and_share_their_normal() -> None:
 
 def test_clouds_of_small_parts_alone_have_signs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("topokit.core.cloud.orientation._SMALLEST_PART", 1000)
-    assert tk.from_points(sphere_samples(500).points).report().euler == 2
+    assert global_witness(sphere_samples(500).points).euler == 2

@@ -77,7 +77,7 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.5,
             "sample spacings",
             "step between neighboring coordinates in single precision, at most",
-            "clouds of 4 000 to 6 000 points from five shapes, rounded to steps of 0.1 to 4 spacings: all were right at "
+            "clouds of 4 000 to 6 000 points from five shapes, rounded to steps of 0.1 to 4 spacings: all right at "
             "1 spacing, two of two at 1.5, from 2 on five of six were wrong; the limit is half of the first",
         ),
         "open_length": Threshold(

@@ -196,7 +196,7 @@ def test_lengths_are_checked() -> None:
     points = torch.zeros(2, 30, 3)
     with pytest.raises(InputError, match=r"between 21, .* and 30"):
         tk.from_points(points, lengths=[30, 20])
-    with pytest.raises(InputError, match="one for each cloud"):
+    with pytest.raises(InputError, match="one number for each cloud"):
         tk.from_points(points, lengths=[30, 30, 30])
     with pytest.raises(InputError, match="int64 tensor"):
         SurfaceSamples(points, lengths=torch.tensor([30.0, 30.0]))

@@ -5,14 +5,15 @@ from __future__ import annotations
 from topokit.core.cloud.far_points import FAR
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
+from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 
 # name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
 _SENTENCES = {
     "confidence": (
-        "Answers with evidence like this are right {value:.0%} of the time.",
-        "Answers with evidence like this are right only {value:.0%} of the time.",
+        "Answers with evidence like this are right {percent}% of the time.",
+        "Answers with evidence like this are right only {percent}% of the time.",
     ),
     "cuts": (
         "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
@@ -167,6 +168,7 @@ def _numbers(witness: Witness) -> dict[str, object]:
     cuts, fields = values_of(witness.votes, *CUT_FAMILIES), values_of(witness.votes, "field")
     return {
         "euler": witness.euler,
+        "percent": int(100 * cloud_confidence(witness)),  # rounded down: 100 % would be a proof
         "cuts": len(cuts),
         "n_cuts": cuts.count(witness.euler),
         "fields": len(fields),

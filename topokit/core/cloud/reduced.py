@@ -21,10 +21,8 @@ Booleans = NDArray[np.bool_]
 
 _STRAY_LEVELS = 2  # cubes of 4 × 4 × 4 cells that may be no surface
 _RARE = 32  # times fewer points than in the cube of most points, of a cube that may be haze
-_SHEET, _FLAT = (
-    8,
-    0.15,
-)  # cells that hold points, and thickness over side, of a cube that shows a thinly scanned surface
+_SHEET = 8  # cells that hold points, at least, of a cube that shows a thinly scanned surface
+_FLAT = 0.15  # thickness over side of such a cube, at most
 _DENSITY_LEVELS = 4  # cubes of 16 × 16 × 16 cells in which the density is kept
 _FULL = 0.9  # quantile of the numbers of points in the cells of a cube from which their points are kept for certain
 

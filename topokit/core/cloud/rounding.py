@@ -14,8 +14,7 @@ def single_precision_step(points: Tensor) -> float:
 
     It is 0 if the coordinates have more digits than that, so that they never were in single precision.
     """
-    exact = points.detach().cpu().double()
-    largest = float(exact.abs().max())
-    if largest == 0 or not torch.equal(exact.float().double(), exact):
+    largest = float(points.abs().max())
+    if largest == 0 or not torch.equal(points.float().to(points.dtype), points):
         return 0.0
     return math.ldexp(torch.finfo(torch.float32).eps, math.frexp(largest)[1] - 1)

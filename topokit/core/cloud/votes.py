@@ -122,7 +122,7 @@ def gather_votes(
         smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
         fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
         first, others = cuts[0].result(), [cut.result() for cut in cuts]
-        votes = [Vote("cut", k, surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(others)]
+        votes = _votes_of("cut", complex_, others)
         votes += [*smooth.result(), *(field.result() for field in fields)]
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
     quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide, near)
@@ -164,7 +164,7 @@ def gather_dense_votes(
                 cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
         quality = _dense_quality(cloud, normals, samples)
         made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
-        votes = [Vote("cut", k, surface_eulers(complex_, cut), len(chosen)) for k, cut in enumerate(made)]
+        votes = _votes_of("cut", complex_, made)
         votes += [*coarse.result(), *(field.result() for field in fields)]
     return tuple(votes), replace(quality, coverage=made[0].coverage), made[0]
 
@@ -181,13 +181,18 @@ def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> Samp
 def cut_votes(complex_: DelaunayComplex, normals: Floats) -> tuple[list[Vote], Cut]:
     """The votes of all cuts of samples where they are, and the first cut."""
     cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
-    return [Vote("cut", k, surface_eulers(complex_, cut), len(normals)) for k, cut in enumerate(cuts)], cuts[0]
+    return _votes_of("cut", complex_, cuts), cuts[0]
 
 
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:
     complex_ = delaunay_complex(points, spacings)
     cuts = [cut_complex(complex_, normals, weights) for weights in SMOOTH_SETTINGS]
-    return [Vote(family, k, surface_eulers(complex_, cut), len(points)) for k, cut in enumerate(cuts)]
+    return _votes_of(family, complex_, cuts)
+
+
+def _votes_of(family: Family, complex_: DelaunayComplex, cuts: Sequence[Cut]) -> list[Vote]:
+    """One vote for each cut, in the order of the family's settings."""
+    return [Vote(family, k, surface_eulers(complex_, cut), len(complex_.points)) for k, cut in enumerate(cuts)]
 
 
 def _field_vote(points: Floats, normals: Floats, areas: Floats, spacing: float, setting: int) -> Vote:

@@ -4,7 +4,8 @@ Where two sheets are closer than the sample spacing, tetrahedra join the wrong o
 between them, a shift inward widens the gap, and neither changes the topology as long as the way is free. Several shifts
 compete. All samples lie on the surface, so that shift is the best whose cuts leave the fewest of them off it. This
 needs normals that are known. Found ones fit the solid that they were found with, so that it misses few samples even
-where it is wrong: every shift corrects them first, and the integer that most cuts give decides between the shifts.
+where it is wrong: every shift corrects them first, and of the shifts whose own cuts agree those count whose integer
+most cuts give.
 """
 
 from __future__ import annotations

@@ -53,14 +53,14 @@ class AdaptiveField:
 
     def flat_on_grid(self, index: Tensor) -> Tensor:
         """Flat indices on the grid (N,) of values given by their own flat indices (N,)."""
-        (_, n_y, n_z), (_, m_y, m_z) = self.values.shape, self.grid.shape
-        x, y, z = index // (n_y * n_z), index % (n_y * n_z) // n_z, index % n_z
+        _, m_y, m_z = self.grid.shape
+        x, y, z = torch.unravel_index(index, self.values.shape)
         return ((x + self.first[0]) * m_y + y + self.first[1]) * m_z + z + self.first[2]
 
     def flat_in_box(self, index: Tensor) -> Tensor:
         """Own flat indices (M,) of those vertices, of some (N,) given by flat indices on the grid, that are here."""
-        (n_x, n_y, n_z), (_, m_y, m_z) = self.values.shape, self.grid.shape
-        vertices = torch.stack((index // (m_y * m_z), index % (m_y * m_z) // m_z, index % m_z), 1)
+        n_x, n_y, n_z = self.values.shape
+        vertices = torch.stack(torch.unravel_index(index, self.grid.shape), 1)
         vertices = vertices - vertices.new_tensor(self.first)
         x, y, z = vertices[((vertices >= 0) & (vertices < vertices.new_tensor((n_x, n_y, n_z)))).all(1)].unbind(1)
         return (x * n_y + y) * n_z + z
@@ -209,7 +209,7 @@ def _upsample(field: AdaptiveField, box: Box) -> tuple[AdaptiveField, Tensor]:
     return AdaptiveField(field.grid.refined(), values, known, 0, (x, y, z)), seeds
 
 
-def _over_cells(values: Tensor, extreme: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+def over_cells(values: Tensor, extreme: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
     """The extreme value over the 8 corners of every cell."""
     for axis in range(3):
         n = values.shape[axis]
@@ -218,7 +218,7 @@ def _over_cells(values: Tensor, extreme: Callable[[Tensor, Tensor], Tensor]) -> 
 
 
 def _near_cells(values: Tensor) -> Tensor:
-    lowest, highest = _over_cells(values, torch.minimum), _over_cells(values, torch.maximum)
+    lowest, highest = over_cells(values, torch.minimum), over_cells(values, torch.maximum)
     reach = _NEAR * (highest - lowest)
     return (lowest <= reach) & (-highest <= reach)
 
@@ -256,7 +256,7 @@ def _vertices_around_changes(some: Tensor, every: Tensor) -> Tensor:
         some: (X, Y, Z), whether a vertex has been inside at some time.
         every: (X, Y, Z), whether it has been inside at every time.
     """
-    changes = _over_cells(some, torch.logical_or) & ~_over_cells(every, torch.logical_and)
+    changes = over_cells(some, torch.logical_or) & ~over_cells(every, torch.logical_and)
     vertices = torch.zeros_like(some)
     for x, y, z in product((0, 1), repeat=3):
         n_x, n_y, n_z = changes.shape

@@ -192,7 +192,6 @@ def _wider(box: Box, shape: tuple[int, int, int]) -> Box:
 
 def _is_in(index: Tensor, box: Box, shape: tuple[int, int, int]) -> Tensor:
     """Whether vertices (N,), given by their flat indices on a grid, are in a box."""
-    _, n_y, n_z = shape
     (a, b), (c, d), (e, f) = box
-    x, y, z = index // (n_y * n_z), index % (n_y * n_z) // n_z, index % n_z
+    x, y, z = torch.unravel_index(index, shape)
     return (x >= a) & (x < b) & (y >= c) & (y < d) & (z >= e) & (z < f)

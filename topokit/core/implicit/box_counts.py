@@ -17,7 +17,7 @@ from torch.nn.functional import pad
 
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.grid.euler import at_least_single, critical_index
-from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Refined
+from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Refined, over_cells
 
 ReachedFaces = tuple[tuple[bool, bool], ...]
 
@@ -147,12 +147,8 @@ def _with_neighbors(field: AdaptiveField, box: Box, shape: tuple[int, int, int])
 
 def _codes(inside: Tensor) -> NDArray[np.int64]:
     """How many cubes have each code, constant ones left out."""
-    some, every = inside, inside
-    for axis in range(3):
-        n = some.shape[axis] - 1
-        some = some.narrow(axis, 0, n) | some.narrow(axis, 1, n)
-        every = every.narrow(axis, 0, n) & every.narrow(axis, 1, n)
-    x, y, z = (some & ~every).nonzero().unbind(1)
+    changes = over_cells(inside, torch.logical_or) & ~over_cells(inside, torch.logical_and)
+    x, y, z = changes.nonzero().unbind(1)
     code = torch.zeros(len(x), dtype=torch.int64)
     for corner in range(8):
         code |= inside[x + (corner >> 1 & 1), y + (corner & 1), z + (corner >> 2 & 1)].long() << corner

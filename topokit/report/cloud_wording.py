@@ -142,6 +142,11 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
             "Some walls or gaps are thinner than the samples resolve: they were shifted along their normals before the "
             "integer was counted."
         )
+    if witness.is_repeated:
+        sentences.append(
+            "The votes on the noisy points differed: those on smoothed points, whose normals were found anew, were "
+            "added."
+        )
     if witness.wire is not None and witness.wire.n_stray:
         sentences.append(f"{plural(witness.wire.n_stray, 'point')} far from all wires were left out.")
     signs = witness.signs

@@ -53,7 +53,9 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.935, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
         ),
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
-        "fields": Threshold(2, "fields of three", "winding-number fields that give the integer, at least", _ONE_DRAW),
+        "fields": Threshold(
+            0.65, "share of fields", "winding-number fields that give the integer, at least", _ONE_DRAW
+        ),
         "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
         "crowded": Threshold(
             0.009, "share of samples", "samples with an opposite sheet within 1.5 spacings, at most", _ONE_DRAW
@@ -202,8 +204,7 @@ def _second_opinions(witness: Witness) -> tuple[Check, ...]:
     original, fields = values_of(votes, "cut")[0], values_of(votes, "field")
     checks = []
     if fields:
-        least = min(THRESHOLDS["fields"].value, len(fields))
-        checks.append(Check("fields", fields.count(euler), fields.count(euler) >= least, decides=True))
+        checks.append(replace(_at_least("fields", fields.count(euler) / len(fields)), decides=True))
     others: tuple[tuple[str, Family], ...] = (("smoothing", "smooth cut"), ("convergence", "coarse cut"))
     for name, family in others:
         for value in values_of(votes, family)[:1]:

@@ -82,6 +82,8 @@ class Witness:
             everywhere, else None.
         is_widened: whether the votes are those of samples shifted along their normals, which widens thin walls and
             narrow gaps.
+        is_repeated: whether the votes of noisy samples differed, so that those of smoothed samples with normals of
+            their own were added.
         rounding: step between neighboring values of the coordinates, in units of length, where these have no more
             digits than single precision; else 0.
     """
@@ -104,6 +106,7 @@ class Witness:
     preparation: Preparation = "whole"
     wire: WireReading | None = None
     is_widened: bool = False
+    is_repeated: bool = False
     rounding: float = 0.0
 
     @property

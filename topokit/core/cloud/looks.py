@@ -14,7 +14,7 @@ from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, delaunay_compl
 from topokit.core.cloud.dense import MOST_POINTS, SAMPLES, DenseCloud, averaged, dense_cloud, is_noisy
 from topokit.core.cloud.downsampling import downsample
 from topokit.core.cloud.findings import Preparation, Signs, SignSource
-from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, local_geometry, turned_towards
+from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, flatten, local_geometry, turned_towards
 from topokit.core.cloud.orientation import (
     INTERPOLATING,
     Orientation,
@@ -87,6 +87,7 @@ class Look:
         wire: the reading as a thickened graph, or None.
         preparation: see `Witness`.
         is_widened: see `Witness`.
+        is_repeated: see `Witness`.
     """
 
     signs: Signs
@@ -103,6 +104,7 @@ class Look:
     wire: WireReading | None = None
     preparation: Preparation = "whole"
     is_widened: bool = False
+    is_repeated: bool = False
 
 
 def stage_seconds(n_points: int) -> dict[str, float]:
@@ -173,6 +175,16 @@ def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
 
 
 def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
+    """A look at all points; where the votes differ, also at shifted or, with noise, at smoothed ones."""
+    look, local, found = _look_once(cloud, wire)
+    if wire is not None or tally(look.votes)[1] == 1:
+        return look
+    if found is None or found.coverage >= INTERPOLATING:
+        return _with_more_room(look, local, found, cloud.normals)
+    return _with_less_noise(look, local, cloud.normals)
+
+
+def _look_once(cloud: Cloud, wire: WireReading | None) -> tuple[Look, LocalGeometry, Orientation | None]:
     local = local_geometry(cloud.points, cloud.areas)
     begin("orientation")
     signs, outward, complex_, found = _outward(cloud, local, wire)
@@ -183,14 +195,22 @@ def _look_at_all(cloud: Cloud, wire: WireReading | None) -> Look:
     spacing = float(np.sqrt(weights.mean()))
     every = np.arange(len(cloud.points))
     look = Look(signs, outward, votes, quality, cut, complex_, every, cloud.points, spacing, spacing, turned, wire)
-    is_clean = found is None or found.coverage >= INTERPOLATING
-    return _with_more_room(look, local, found, cloud.normals) if is_clean and wire is None else look
+    return look, local, found
+
+
+def _with_less_noise(look: Look, local: LocalGeometry, axes: Floats | None) -> Look:
+    """The same with the votes of smoothed samples, whose normals are found anew; the quality stays that of the points.
+
+    The votes of both count. The surface is that of the samples whose votes alone give the integer.
+    """
+    again, _, _ = _look_once(Cloud(flatten(look.points, look.normals, local), axes, None, oriented=False), None)
+    votes = look.votes + again.votes
+    shown = look if tally(look.votes)[0] == tally(votes)[0] else again
+    return replace(look, votes=votes, cut=shown.cut, complex_=shown.complex_, normals=shown.normals, is_repeated=True)
 
 
 def _with_more_room(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Look:
-    """The same, or with the votes of shifted samples where those of the samples differ; the quality stays theirs."""
-    if tally(look.votes)[1] == 1:
-        return look
+    """The same, or with the votes of shifted samples; the quality stays that of the points."""
     best = _widened(look, local, found, axes)
     if not (best.is_shifted or found):
         return look

@@ -117,6 +117,7 @@ def global_witness(
         surface=None,
         preparation=look.preparation,
         is_widened=look.is_widened,
+        is_repeated=look.is_repeated,
         rounding=single_precision_step(points),
     )
     if look.wire is not None:

@@ -1,4 +1,4 @@
-"""Thin walls and narrow gaps: shifted samples show them."""
+"""Where votes differ: thin walls and narrow gaps are seen at shifted samples, noisy surfaces at smoothed ones."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from topokit.core.cloud.neighborhoods import local_geometry
+from topokit.core.cloud.votes import values_of
 from topokit.core.cloud.widening import clearances
 from topokit.core.cloud.witness import global_witness
 
@@ -87,3 +88,24 @@ def test_noise_leaves_samples_where_they_are() -> None:
     assert witness.agreement < 1
     assert not witness.is_widened
     assert "shifted cut" not in {vote.family for vote in witness.votes}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noisy_samples_whose_votes_differ_are_looked_at_again(seed: int) -> None:
+    points, _ = plate_with_hole(2_000, 0.1, seed=seed)
+    noisy = points + np.random.default_rng(seed).normal(0, 0.02, points.shape)  # a third of the spacing
+    witness = global_witness(torch.from_numpy(noisy))
+    assert witness.is_repeated
+    assert len(values_of(witness.votes, "field")) == 6  # three of the points, three of the smoothed ones
+    assert witness.euler == 0
+    assert witness.surface is not None
+    assert witness.surface.euler == 0
+
+
+def test_noisy_samples_whose_votes_agree_are_not() -> None:
+    points, _ = plate_with_hole(2_000, 0.5)
+    noisy = points + np.random.default_rng(0).normal(0, 0.02, points.shape)
+    witness = global_witness(torch.from_numpy(noisy))
+    assert witness.quality.coverage < 0.97
+    assert witness.agreement == 1
+    assert not witness.is_repeated

@@ -7,15 +7,18 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from topokit.core.linalg import smallest_eigenvector
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
 _NEIGHBORS = 10  # neighbors for planes: few, so that sheets that are close together are not mixed
 _GRAPH = 8  # neighbors that are kept for the graph, and of the disc whose area a point stands for
-_ROWS = 1 << 14  # points whose neighborhoods are in memory at once
+_ROWS = 1 << 12  # points whose neighborhoods are in memory, and in the processor's cache, at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ def surface_axes(points: Floats) -> SurfaceAxes:
     Args:
         points: (N, 3), distinct, more than ten.
     """
-    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    tree = cKDTree(points, balanced_tree=False)  # compact nodes pay where all points are looked up
     order = tree.indices  # neighboring queries share their way down the tree
     count = len(points)
     neighbors = np.empty((count, _GRAPH), dtype=np.int32)
@@ -61,7 +64,7 @@ def surface_axes(points: Floats) -> SurfaceAxes:
         distance, index = tree.query(points[rows], _NEIGHBORS + 1)
         neighbors[rows] = index[:, 1 : _GRAPH + 1]
         radius[rows] = distance[:, _GRAPH]
-        axes[rows], thickness[rows] = plane_axes(points[index])
+        axes[rows], thickness[rows] = plane_axes(points.take(index, axis=0))
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(measure, range(0, count, _ROWS)))
@@ -72,5 +75,9 @@ def surface_axes(points: Floats) -> SurfaceAxes:
 def plane_axes(patches: Floats) -> tuple[Floats, Floats]:
     """Unit normals (n, 3) of arbitrary sign of planes fitted to patches (n, k, 3), and distances from them (n,)."""
     patches = patches - patches.mean(1, keepdims=True)
-    eigenvalue, eigenvector = np.linalg.eigh(np.einsum("nka,nkb->nab", patches, patches))
-    return eigenvector[:, :, 0], np.sqrt(np.maximum(eigenvalue[:, 0], 0) / patches.shape[1])
+    moments = patches.transpose(0, 2, 1) @ patches
+    size = np.maximum(np.trace(moments, axis1=1, axis2=2), np.finfo(np.float64).tiny)
+    scaled = torch.from_numpy(moments / size[:, None, None])
+    axes = smallest_eigenvector(scaled, scaled[:, 0]).numpy()
+    height = np.einsum("nka,na->nk", patches, axes)
+    return axes, np.sqrt(np.einsum("nk,nk->n", height, height) / patches.shape[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,15 @@ from topokit.core.cloud.orientation import (
     orient_samples,
 )
 from topokit.core.cloud.solidity import fills_space
-from topokit.core.cloud.votes import SampleQuality, Vote, cut_votes, gather_dense_votes, gather_votes, tally
+from topokit.core.cloud.votes import (
+    SampleQuality,
+    Vote,
+    cut_votes,
+    fewer_samples,
+    gather_dense_votes,
+    gather_votes,
+    tally,
+)
 from topokit.core.cloud.widening import Widening, widened
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
 from topokit.core.kd_tree import nearest_in_tree
@@ -215,7 +224,7 @@ def _with_more_room(look: Look, local: LocalGeometry, found: Orientation | None,
     if not (best.is_shifted or found):
         return look
     areas = compatible_areas(best.normals, best.local)
-    votes, _, cut = gather_votes(best.points, best.normals, best.local, areas, best.complex_)
+    votes, _, cut = gather_votes(best.points, best.normals, best.local, areas, best.complex_, best.cuts)
     votes += best.others if found else ()
     return replace(look, votes=votes, cut=cut, complex_=best.complex_, is_widened=best.is_shifted)
 
@@ -225,9 +234,11 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     samples = dense.samples(SAMPLES)
     kept = samples.kept
     points, axes = dense.points[kept], dense.propagation.normals[kept]
-    local = local_geometry(points, samples.areas, axes)
-    begin("orientation")
-    found = orient_by_patches(points, axes, dense.propagation.patches[kept], dense.propagation.parts[kept], local)
+    with ThreadPoolExecutor(1) as thread:
+        few = thread.submit(fewer_samples, dense, len(kept) // 2)  # needs no signs, and Qhull no interpreter
+        local = local_geometry(points, samples.areas, axes)
+        begin("orientation")
+        found = orient_by_patches(points, axes, dense.propagation.patches[kept], dense.propagation.parts[kept], local)
     source, confirmed = cloud.unsigned_source, None
     if cloud.normals is not None and cloud.oriented:
         kind, confirmed = compare_normals(cloud.normals[kept], found)
@@ -238,8 +249,8 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     normals = dense.propagation.normals * flips if given is None else given
     turned = time.perf_counter()
     begin("counting")
-    first = found.cut if given is None else None
-    votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, first)
+    made = (found.cut,) if given is None and found.cut is not None else ()
+    votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, few.result(), made)
     spacing, finest = (float(value) for value in np.quantile(local.spacings, (0.5, _FINEST)))
     complex_ = found.complex_
     look = Look(
@@ -260,15 +271,17 @@ def _with_samples_shifted(look: Look, local: LocalGeometry, found: Orientation |
     doubts = best.others if found else ()
     if not best.is_shifted:
         return replace(look, votes=look.votes + doubts)
-    cuts, cut = cut_votes(best.complex_, best.normals)
+    cuts, cut = cut_votes(best.complex_, best.normals, best.cuts)
     stay = tuple(vote for vote in look.votes if vote.family != "cut")
     return replace(look, votes=(*cuts, *stay, *doubts), cut=cut, complex_=best.complex_, is_widened=True)
 
 
 def _widened(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Widening:
     """The positions that show the surface best, from given normals or from those of an orientation."""
-    normals = look.normals[look.kept] if found is None else found.corrected(axes)
-    return widened(look.points, normals, local, look.complex_, are_found=found is not None, axes=axes)
+    if found is None:
+        return widened(look.points, look.normals[look.kept], local, look.complex_, look.cut, are_found=False)
+    normals, cut = found.corrected(axes)
+    return widened(look.points, normals, local, look.complex_, cut, are_found=True, axes=axes)
 
 
 def _outward(

@@ -67,16 +67,32 @@ def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | N
     index = np.concatenate((own, wide_index[:, :_NEAREST]), axis=1)
     distance = np.linalg.norm(points[index] - points[:, None], axis=2)
     normals, thickness = fit_planes(points, index)
-    rank = min(8, index.shape[1] - 1)
-    discs = np.pi * distance[:, rank] ** 2 / rank
+    discs = _discs(distance)
     areas = discs if areas is None else areas
     spacing = float(np.sqrt(areas.mean()))
     if not spacing > 0:
         raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
     roughness = float(np.median(thickness)) / spacing
-    spacings = np.sqrt(np.maximum(discs[index].mean(1), 1e-6 * spacing**2))
+    spacings = _spacings_around(discs, index, spacing)
     normals = normals if axes is None else axes
     return LocalGeometry(index, wide_index, distance, normals, areas, spacing, spacings, roughness)
+
+
+def local_spacings(points: Floats) -> Floats:
+    """The typical distance (N,) between samples around each of N points (N, 3), as in `LocalGeometry`."""
+    index = with_neighbors(points, min(_NEAREST, len(points) - 1))
+    discs = _discs(np.linalg.norm(points[index] - points[:, None], axis=2))
+    return _spacings_around(discs, index, float(np.sqrt(discs.mean())))
+
+
+def _discs(distance: Floats) -> Floats:
+    """π r₈² / 8, (N,), from the distances (N, k + 1) to a sample and its neighbors."""
+    rank = min(8, distance.shape[1] - 1)
+    return np.asarray(np.pi * distance[:, rank] ** 2 / rank)
+
+
+def _spacings_around(discs: Floats, index: Integers, spacing: float) -> Floats:
+    return np.sqrt(np.maximum(discs[index].mean(1), 1e-6 * spacing**2))
 
 
 def with_neighbors(points: Floats, n_neighbors: int) -> Integers:

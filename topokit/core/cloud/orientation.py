@@ -78,8 +78,10 @@ class Orientation:
     cut: Cut | None = None
     trials: tuple[tuple[Floats, Cut], ...] = ()
 
-    def corrected(self, axes: Floats | None = None) -> Floats:
+    def corrected(self, axes: Floats | None = None) -> tuple[Floats, Cut]:
         """Outward normals of the candidate that implies the cheapest solid once the poles have corrected its signs.
+
+        With them comes the cut that they imply.
 
         Args:
             axes: (N, 3), unit normals of arbitrary sign, where known.
@@ -90,7 +92,7 @@ class Orientation:
             for normals, cut in self.trials
             if _cost(cut, _COVERAGE_POWER) <= hopeless
         ]
-        return min(found, key=lambda trial: _cost(trial[1], _COVERAGE_POWER))[0]
+        return min(found, key=lambda trial: _cost(trial[1], _COVERAGE_POWER))
 
 
 def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:

@@ -22,12 +22,13 @@ from topokit.core.cloud.cut_counts import solid_eulers
 from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
-from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_geometry
+from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_spacings
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
 
 CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
@@ -101,8 +102,33 @@ class SampleQuality:
     crowded_boundary: float
 
 
+@dataclass(frozen=True, eq=False)
+class FewerSamples:
+    """Fewer samples of a large cloud than are looked at, which should show the same.
+
+    Attributes:
+        kept: (M,), their indices in the cloud.
+        complex_: their tetrahedra.
+    """
+
+    kept: Integers
+    complex_: DelaunayComplex
+
+
+def fewer_samples(cloud: DenseCloud, budget: int) -> FewerSamples:
+    """At most so many samples where features are small."""
+    kept = cloud.samples(budget).kept
+    points = cloud.points[kept]
+    return FewerSamples(kept, delaunay_complex(points, local_spacings(points)))
+
+
 def gather_votes(
-    points: Floats, normals: Floats, local: LocalGeometry, areas: Floats, complex_: DelaunayComplex
+    points: Floats,
+    normals: Floats,
+    local: LocalGeometry,
+    areas: Floats,
+    complex_: DelaunayComplex,
+    made: Sequence[Cut] = (),
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
     """The vote of every setting on all samples of a cloud of moderate size.
 
@@ -112,21 +138,22 @@ def gather_votes(
         local: neighborhoods of the points.
         areas: (N,), surface area that each sample stands for.
         complex_: Delaunay tetrahedra of the points.
+        made: the cuts of the first settings that were made already.
 
     Returns:
         The votes, the quality of the samples, and the first cut.
     """
     spacing = float(np.sqrt(areas.mean()))
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS]
+        cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :]]
         smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
         fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
-        first, others = cuts[0].result(), [cut.result() for cut in cuts]
-        votes = _votes_of("cut", complex_, others)
+        all_cuts = [*made, *(cut.result() for cut in cuts)]
+        votes = _votes_of("cut", complex_, all_cuts)
         votes += [*smooth.result(), *(field.result() for field in fields)]
     near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
-    quality = SampleQuality(first.coverage, disagreement(normals, local.index), local.roughness, near, wide, near)
-    return tuple(votes), quality, first
+    first, opposed = all_cuts[0], disagreement(normals, local.index)
+    return tuple(votes), SampleQuality(first.coverage, opposed, local.roughness, near, wide, near), first
 
 
 def gather_dense_votes(
@@ -135,7 +162,8 @@ def gather_dense_votes(
     samples: Samples,
     local: LocalGeometry,
     complex_: DelaunayComplex,
-    first: Cut | None = None,
+    few: FewerSamples,
+    made: Sequence[Cut] = (),
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
     """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.
 
@@ -145,28 +173,28 @@ def gather_dense_votes(
         samples: those that the tetrahedra are made of.
         local: neighborhoods of the samples.
         complex_: Delaunay tetrahedra of the samples.
-        first: the cut of the first setting, if it was made already.
+        few: fewer samples, for comparison.
+        made: the cuts of the first settings that were made already.
 
     Returns:
         As for `gather_votes`.
     """
-    few, chosen = cloud.samples(len(samples.kept) // 2).kept, normals[samples.kept]
+    chosen = normals[samples.kept]
     part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), float(np.quantile(local.spacings, _FINEST))
     areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
-    spacings = local_geometry(cloud.points[few]).spacings
     cuts, fields = [], []
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        coarse = threads.submit(_cut_votes, "coarse cut", cloud.points[few], normals[few], spacings)
+        coarse = threads.submit(_votes_of_cuts, "coarse cut", few.complex_, normals[few.kept])
         for k, weights in enumerate(CUT_SETTINGS):  # in turn: flows hold the interpreter's lock, fields do not
             if _field_grid(cloud.points[part], finest, k).cell <= finest:
                 fields.append(threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k))
-            if k > 0 or first is None:
+            if k >= len(made):
                 cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
         quality = _dense_quality(cloud, normals, samples)
-        made = [*([] if first is None else [first]), *(cut.result() for cut in cuts)]
-        votes = _votes_of("cut", complex_, made)
+        all_cuts = [*made, *(cut.result() for cut in cuts)]
+        votes = _votes_of("cut", complex_, all_cuts)
         votes += [*coarse.result(), *(field.result() for field in fields)]
-    return tuple(votes), replace(quality, coverage=made[0].coverage), made[0]
+    return tuple(votes), replace(quality, coverage=all_cuts[0].coverage), all_cuts[0]
 
 
 def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> SampleQuality:
@@ -178,14 +206,17 @@ def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> Samp
     return SampleQuality(0.0, opposed, cloud.surface.roughness, near, wide, boundary)
 
 
-def cut_votes(complex_: DelaunayComplex, normals: Floats) -> tuple[list[Vote], Cut]:
-    """The votes of all cuts of samples where they are, and the first cut."""
-    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS]
+def cut_votes(complex_: DelaunayComplex, normals: Floats, made: Sequence[Cut]) -> tuple[list[Vote], Cut]:
+    """The votes of all cuts of samples where they are, of which the first were made already, and the first cut."""
+    cuts = [*made, *(cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :])]
     return _votes_of("cut", complex_, cuts), cuts[0]
 
 
 def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:
-    complex_ = delaunay_complex(points, spacings)
+    return _votes_of_cuts(family, delaunay_complex(points, spacings), normals)
+
+
+def _votes_of_cuts(family: Family, complex_: DelaunayComplex, normals: Floats) -> list[Vote]:
     cuts = [cut_complex(complex_, normals, weights) for weights in SMOOTH_SETTINGS]
     return _votes_of(family, complex_, cuts)
 

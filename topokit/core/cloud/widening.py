@@ -12,13 +12,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import DelaunayComplex, cut_complex, delaunay_complex
+from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry, opposite_neighbors
 from topokit.core.cloud.poles import normals_by_poles
 from topokit.core.cloud.votes import CUT_SETTINGS, Vote, surface_eulers
@@ -41,6 +43,7 @@ class Widening:
         normals: (N, 3), unit, outward; corrected if they were found.
         local: neighborhoods of these positions.
         complex_: their tetrahedra.
+        cuts: of these, with the first settings.
         others: votes of the positions that were not taken.
         is_shifted: whether the positions differ from those given.
     """
@@ -49,18 +52,20 @@ class Widening:
     normals: Floats
     local: LocalGeometry
     complex_: DelaunayComplex
+    cuts: tuple[Cut, ...]
     others: tuple[Vote, ...]
     is_shifted: bool
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Samples at some positions (N, 3) with their normals, what cuts count there, and the share that they miss."""
+    """Samples at some positions (N, 3) with normals, cuts there, what these count, and the share that they miss."""
 
     points: Floats
     normals: Floats
     local: LocalGeometry
     complex_: DelaunayComplex
+    cuts: tuple[Cut, ...]
     eulers: tuple[tuple[int, ...], ...]
     missed: float
 
@@ -74,6 +79,7 @@ def widened(
     normals: Floats,
     local: LocalGeometry,
     complex_: DelaunayComplex,
+    cut: Cut,
     *,
     are_found: bool,
     axes: Floats | None = None,
@@ -85,20 +91,21 @@ def widened(
         normals: (N, 3), unit, outward.
         local: neighborhoods of the points.
         complex_: tetrahedra of the points.
+        cut: of these with the normals and the weights by default.
         are_found: whether the normals were found rather than given; then every shift corrects them.
         axes: (N, 3), unit normals of arbitrary sign, where known; then only signs are corrected.
     """
-    trials = [_trial(points, normals, local, complex_)]
-    for shift in _shifts(points, normals, local):
-        moved = points + (shift * local.spacings)[:, None] * normals
-        around = local_geometry(moved)
-        room, turned = delaunay_complex(moved, around.spacings), normals
-        if are_found:
-            turned, _ = normals_by_poles(room, normals, cut_complex(room, normals), rounds=1, axes=axes)
-        trials.append(_trial(moved, turned, around, room))
+    trials = [_trial(points, normals, local, complex_, cut)]
+    with ThreadPoolExecutor(1) as thread:  # flows hold the interpreter's lock, tetrahedra do not
+        for moved, around, room in thread.map(partial(_moved, points, normals, local), _shifts(points, normals, local)):
+            turned, its_cut = normals, cut_complex(room, normals)
+            if are_found:
+                turned, its_cut = normals_by_poles(room, normals, its_cut, rounds=1, axes=axes)
+            trials.append(_trial(moved, turned, around, room, its_cut))
     best = min(_of_most_cuts(trials) if are_found else trials, key=lambda trial: trial.missed)
     others = tuple(vote for trial in trials if trial is not best for vote in trial.votes)
-    return Widening(best.points, best.normals, best.local, best.complex_, others, best is not trials[0])
+    is_shifted = best is not trials[0]
+    return Widening(best.points, best.normals, best.local, best.complex_, best.cuts, others, is_shifted)
 
 
 def _of_most_cuts(trials: Sequence[_Trial]) -> list[_Trial]:
@@ -109,10 +116,19 @@ def _of_most_cuts(trials: Sequence[_Trial]) -> list[_Trial]:
     return [trial for trial in steady if counts[trial.eulers[0][0]] == most] or [trials[0]]
 
 
-def _trial(points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> _Trial:
-    cuts = [cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS[:2]]
+def _trial(points: Floats, normals: Floats, local: LocalGeometry, complex_: DelaunayComplex, first: Cut) -> _Trial:
+    cuts = (first, cut_complex(complex_, normals, CUT_SETTINGS[1]))
     eulers = tuple(surface_eulers(complex_, cut) for cut in cuts)
-    return _Trial(points, normals, local, complex_, eulers, sum(1 - cut.coverage for cut in cuts))
+    return _Trial(points, normals, local, complex_, cuts, eulers, sum(1 - cut.coverage for cut in cuts))
+
+
+def _moved(
+    points: Floats, normals: Floats, local: LocalGeometry, shift: Floats | float
+) -> tuple[Floats, LocalGeometry, DelaunayComplex]:
+    """The samples after a shift, with their neighborhoods and tetrahedra."""
+    there = points + (shift * local.spacings)[:, None] * normals
+    around = local_geometry(there)
+    return there, around, delaunay_complex(there, around.spacings)
 
 
 def _shifts(points: Floats, normals: Floats, local: LocalGeometry) -> Iterator[Floats | float]:

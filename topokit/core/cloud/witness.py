@@ -18,7 +18,7 @@ from torch import Tensor
 from topokit.core.cloud.cubes import curve_order
 from topokit.core.cloud.cut_counts import count_parts
 from topokit.core.cloud.cut_surface import cut_surface
-from topokit.core.cloud.dense import thinned
+from topokit.core.cloud.dense import MOST_POINTS, thinned
 from topokit.core.cloud.downsampling import distinct
 from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
 from topokit.core.cloud.looks import Cloud, Look, look_at, stage_seconds
@@ -86,7 +86,7 @@ def global_witness(
     given = None if normals is None else unit(_matching(normals, positions.shape, "normals"))
     scaled = None if areas is None else _matching(areas, positions.shape[:1], "areas") / unit_length**2
     chosen = thinned(positions)
-    first, owner = distinct(positions[chosen])
+    first, owner = _in_order(positions[chosen])
     if len(first) < FEWEST_POINTS:
         raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
     kept = chosen[first]
@@ -125,6 +125,17 @@ def global_witness(
     surface = cut_surface(look.complex_, look.cut.inside, euler)
     witness = replace(witness, surface=replace(surface, points=kept[look.kept][surface.points]))
     return _second_look(witness, look.points, may_smooth)
+
+
+def _in_order(points: Floats) -> tuple[Integers, Integers]:
+    """As `distinct`; many points along a curve: neighbors in space are neighbors in memory, whatever the order given."""
+    first, owner = distinct(points)
+    if len(first) <= MOST_POINTS:
+        return first, owner
+    order, _ = curve_order(points[first])
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[owner]
 
 
 def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: Look) -> Floats:

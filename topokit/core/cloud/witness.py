@@ -128,7 +128,7 @@ def global_witness(
 
 
 def _in_order(points: Floats) -> tuple[Integers, Integers]:
-    """As `distinct`; many points along a curve: neighbors in space are neighbors in memory, whatever the order given."""
+    """As `distinct`, but many points in the order of a curve: neighbors in space are neighbors in memory."""
     first, owner = distinct(points)
     if len(first) <= MOST_POINTS:
         return first, owner

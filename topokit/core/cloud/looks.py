@@ -52,10 +52,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
+_SHOWS_A_SURFACE = 0.5  # coverage of a large cloud's samples below which no other samples of it show a surface
 _WIRE_SAMPLES = 10_000  # evenly spread points of a large cloud that is read as a wire
-_SECONDS = {"neighborhoods": 0.1, "orientation": 3.3, "counting": 1.9}  # of 10 000 points, on one processor
-_PER_MILLION = {"neighborhoods": 4.8, "signs": 4.1, "samples": 3.6, "counting": 1.2}  # seconds more of large clouds
-_FIXED = {"orientation": 2.0, "counting": 3.5}  # seconds for the samples of large clouds
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,15 +119,6 @@ class Look:
     preparation: Preparation = "whole"
     is_widened: bool = False
     is_repeated: bool = False
-
-
-def stage_seconds(n_points: int) -> dict[str, float]:
-    """The stages of a look at so many points in their order, and about how many seconds each takes."""
-    if n_points <= MOST_POINTS:
-        return {name: seconds * n_points / 10_000 for name, seconds in _SECONDS.items()}
-    growing = {name: seconds * n_points / 1e6 for name, seconds in _PER_MILLION.items()}
-    names = ("neighborhoods", "signs", "samples", "orientation", "counting")
-    return {name: growing.get(name, 0.0) + _FIXED.get(name, 0.0) for name in names}
 
 
 def look_at(cloud: Cloud) -> Look:
@@ -263,7 +252,7 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     look = Look(
         signs, normals, votes, quality, cut, complex_, kept, points, spacing, finest, turned, preparation="sampled"
     )
-    if tally(votes)[1] == 1:
+    if tally(votes)[1] == 1 or (given is None and found.coverage < _SHOWS_A_SURFACE):
         return look
     more = None if given is None and found.cut is None else more_samples(dense, normals, are_found=given is None)
     if more is not None:

@@ -183,7 +183,7 @@ def _facets_and_spheres(points: Floats, tetrahedra: Integers) -> tuple[Floats, F
     columns = np.ascontiguousarray(points.T)
     start = columns.take(tetrahedra[:, 0], axis=1)
     a, b, c = (columns.take(tetrahedra[:, k], axis=1) - start for k in (1, 2, 3))
-    bc, ca, ab = _cross(b, c), _cross(c, a), _cross(a, b)
+    bc, ca, ab = cross_columns(b, c), cross_columns(c, a), cross_columns(a, b)
     determinant = np.einsum("at,at->t", a, bc)
     side = np.sign(determinant)
     normal = np.stack((side * (bc + ca + ab), -side * bc, -side * ca, -side * ab))  # (4, 3, T)
@@ -204,7 +204,7 @@ def _facets_and_spheres(points: Floats, tetrahedra: Integers) -> tuple[Floats, F
     )
 
 
-def _cross(first: Floats, second: Floats) -> Floats:
+def cross_columns(first: Floats, second: Floats) -> Floats:
     """Cross products of columns (3, T); NumPy's are several times slower."""
     (x, y, z), (u, v, w) = first, second
     return np.stack((y * w - z * v, z * u - x * w, x * v - y * u))

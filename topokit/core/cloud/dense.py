@@ -27,6 +27,9 @@ MOST_POINTS = 30_000
 SAMPLES = 20_000
 """Larger clouds are looked at through about so many samples, and for comparison through half as many."""
 
+MORE_SAMPLES = 2 * SAMPLES
+"""Where the votes of these differ, so many are looked at, if there are as many points."""
+
 BOUNDARY_POINTS = 50_000
 """Boundaries are looked for, and curvature is summed, on at most so many points, evenly many along a curve."""
 
@@ -74,11 +77,15 @@ class DenseCloud:
 
     @cached_property
     def _hierarchy(self) -> CubeHierarchy:
-        return CubeHierarchy(self.points, self.propagation.normals, largest=SAMPLES, noise=self.surface.noise)
+        return self._cubes(SAMPLES)
+
+    def _cubes(self, largest: int) -> CubeHierarchy:
+        return CubeHierarchy(self.points, self.propagation.normals, largest=largest, noise=self.surface.noise)
 
     def samples(self, budget: int) -> Samples:
-        """At most `budget` samples, at most `SAMPLES`, where features are small."""
-        kept, owner = representatives(self.points, self._hierarchy.cells(budget))
+        """At most `budget` samples where features are small."""
+        cubes = self._hierarchy if budget <= SAMPLES else self._cubes(budget)
+        kept, owner = representatives(self.points, cubes.cells(budget))
         return Samples(kept, owner, np.bincount(owner, self.surface.areas).astype(np.float64))
 
     def disagreement(self, normals: Floats) -> float:

@@ -15,7 +15,15 @@ from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, delaunay_compl
 from topokit.core.cloud.dense import MOST_POINTS, SAMPLES, DenseCloud, averaged, dense_cloud, is_noisy
 from topokit.core.cloud.downsampling import downsample
 from topokit.core.cloud.findings import Preparation, Signs, SignSource
-from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, flatten, local_geometry, turned_towards
+from topokit.core.cloud.more_samples import MoreSamples, more_samples
+from topokit.core.cloud.neighborhoods import (
+    LocalGeometry,
+    compatible_areas,
+    flatten,
+    local_geometry,
+    turned_towards,
+    typical_and_finest,
+)
 from topokit.core.cloud.orientation import (
     INTERPOLATING,
     Orientation,
@@ -44,11 +52,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _SOURCES: dict[str, SignSource] = {"outward": "given", "inward": "reversed", "mixed": "contradictory"}
-_FINEST = 0.1  # share of the samples of a large cloud whose spacing may be finer than the stated one
+_SHOWS_A_SURFACE = 0.5  # coverage of a large cloud's samples below which no other samples of it show a surface
 _WIRE_SAMPLES = 10_000  # evenly spread points of a large cloud that is read as a wire
-_SECONDS = {"neighborhoods": 0.1, "orientation": 3.3, "counting": 1.9}  # of 10 000 points, on one processor
-_PER_MILLION = {"neighborhoods": 4.8, "signs": 4.1, "samples": 3.6, "counting": 1.2}  # seconds more of large clouds
-_FIXED = {"orientation": 2.0, "counting": 3.5}  # seconds for the samples of large clouds
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +119,6 @@ class Look:
     preparation: Preparation = "whole"
     is_widened: bool = False
     is_repeated: bool = False
-
-
-def stage_seconds(n_points: int) -> dict[str, float]:
-    """The stages of a look at so many points in their order, and about how many seconds each takes."""
-    if n_points <= MOST_POINTS:
-        return {name: seconds * n_points / 10_000 for name, seconds in _SECONDS.items()}
-    growing = {name: seconds * n_points / 1e6 for name, seconds in _PER_MILLION.items()}
-    names = ("neighborhoods", "signs", "samples", "orientation", "counting")
-    return {name: growing.get(name, 0.0) + _FIXED.get(name, 0.0) for name in names}
 
 
 def look_at(cloud: Cloud) -> Look:
@@ -251,15 +247,26 @@ def _look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     begin("counting")
     made = (found.cut,) if given is None and found.cut is not None else ()
     votes, quality, cut = gather_dense_votes(dense, normals, samples, local, found.complex_, few.result(), made)
-    spacing, finest = (float(value) for value in np.quantile(local.spacings, (0.5, _FINEST)))
+    spacing, finest = typical_and_finest(local.spacings)
     complex_ = found.complex_
     look = Look(
         signs, normals, votes, quality, cut, complex_, kept, points, spacing, finest, turned, preparation="sampled"
     )
-    if tally(votes)[1] == 1:
+    if tally(votes)[1] == 1 or (given is None and found.coverage < _SHOWS_A_SURFACE):
         return look
+    more = None if given is None and found.cut is None else more_samples(dense, normals, are_found=given is None)
+    if more is not None:
+        return _closer(look, more, dense.points[more.kept])
     given_axes = None if cloud.normals is None else cloud.normals[kept]
     return _with_samples_shifted(look, local, found if given is None else None, given_axes)
+
+
+def _closer(look: Look, more: MoreSamples, points: Floats) -> Look:
+    """The same with the votes of more samples."""
+    votes, quality = more.with_votes_of_fewer(look.votes), replace(look.quality, coverage=more.cut.coverage)
+    spacing, finest = typical_and_finest(more.spacings)
+    look = replace(look, votes=votes, quality=quality, cut=more.cut, complex_=more.complex_, kept=more.kept)
+    return replace(look, points=points, spacing=spacing, finest=finest)
 
 
 def _with_samples_shifted(look: Look, local: LocalGeometry, found: Orientation | None, axes: Floats | None) -> Look:

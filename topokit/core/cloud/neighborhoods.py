@@ -22,6 +22,7 @@ _WIDE = 39  # neighbors among which opposite sheets are looked for
 _FLAT = 1e-6  # thickness of a cloud over its length up to which it lies in a plane
 _OPPOSITE = -0.5  # cosine below which two normals belong to opposite sheets
 _SAME_SHEET = 0.3  # cosine above which two normals belong to the same sheet
+_FINEST = 0.1  # share of the samples whose spacing may be finer than the finest that is stated, and than a grid's cells
 FEWEST_POINTS = 32
 """Smallest number of samples for which a solid is looked for."""
 
@@ -83,6 +84,11 @@ def local_spacings(points: Floats) -> Floats:
     index = with_neighbors(points, min(_NEAREST, len(points) - 1))
     discs = _discs(np.linalg.norm(points[index] - points[:, None], axis=2))
     return _spacings_around(discs, index, float(np.sqrt(discs.mean())))
+
+
+def typical_and_finest(spacings: Floats) -> tuple[float, float]:
+    """The median of local spacings (N,), and the one below which few of them are."""
+    return float(np.median(spacings)), float(np.quantile(spacings, _FINEST))
 
 
 def _discs(distance: Floats) -> Floats:

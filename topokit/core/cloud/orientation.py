@@ -44,6 +44,7 @@ _SMOOTH = 0.2  # roughness up to which it is tried on all points: of 47 clean sh
 _GRAPH = 8  # neighbors that signs are carried to
 _SMALLEST_PART = 20  # samples of the smallest part that must be covered by itself
 _MOSTLY_COVERED = 0.9  # coverage that it needs for that; edges of CAD parts leave 8 % of the samples off the surface
+_HIDDEN = 0.5  # coverage by all candidates of one grid below which another grid shows no surface either
 _HOPELESS = 2.0  # cost ratio from which a candidate is not corrected
 _COVERAGE_POWER = 9.0  # how much a missed sample costs then
 _LEAST_COVERAGE = 1e-3  # keeps the cost finite
@@ -177,11 +178,13 @@ def orient_by_patches(
         return Orientation(
             normals, "propagation", {"propagation": _cost(cut)}, cut.coverage, complex_, cut, ((normals, cut),)
         )
-    others = _resigned(points, normals, patches, local)
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        found = threads.map(partial(cut_complex, complex_), others.values())
-        cuts = {"propagation": cut, **dict(zip(others, found, strict=True))}
-    candidates = {"propagation": normals, **others}
+    candidates, cuts = {"propagation": normals}, {"propagation": cut}
+    for scale in ("coarse", "fine"):
+        for name, candidate in _resigned(points, normals, patches, local, scale).items():
+            if not any(np.array_equal(candidate, other) for other in candidates.values()):
+                candidates[name], cuts[name] = candidate, cut_complex(complex_, candidate)
+        if max(one.coverage for one in cuts.values()) < _HIDDEN:
+            break
     is_clean = max(one.coverage for one in cuts.values()) >= INTERPOLATING
     costs = {name: _cost(one, _COVERAGE_POWER if is_clean else 1.0) for name, one in cuts.items()}
     best = min(costs, key=lambda candidate: costs[candidate])
@@ -191,10 +194,12 @@ def orient_by_patches(
     return Orientation(outward, best, costs, cuts[best].coverage, complex_, trials=kept)
 
 
-def _resigned(points: Floats, normals: Floats, patches: Integers, local: LocalGeometry) -> dict[str, Floats]:
-    """The normals with the signs that the fields' directions give to whole patches, and to each sample."""
+def _resigned(
+    points: Floats, normals: Floats, patches: Integers, local: LocalGeometry, scale: Scale
+) -> dict[str, Floats]:
+    """The normals with the signs that a field's directions give to whole patches, and to each sample."""
     found = {}
-    for name, direction in candidate_directions(points, local).items():
+    for name, direction in candidate_directions(points, local, (scale,)).items():
         if name.endswith("solve"):
             continue  # the alternation is nearly always better, and cuts of many samples are slow
         along = (normals * direction).sum(1)

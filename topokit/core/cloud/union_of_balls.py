@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from topokit.core.cloud.delaunay_cut import FACETS
+from topokit.core.cloud.cells import in_order
+from topokit.core.cloud.delaunay_cut import FACETS, cross_columns
 from topokit.core.labels import connected_labels, count_distinct
 
 Floats = NDArray[np.float64]
@@ -71,65 +72,77 @@ def alpha_complex(points: Floats) -> AlphaComplex:
     """
     triangulation = Delaunay(points)
     tetrahedra, neighbors = triangulation.simplices.astype(np.int64), triangulation.neighbors.astype(np.int64)
-    squared = _tetrahedron_values(points[tetrahedra])
-    facets, facet_values, sides = _facet_values(points, tetrahedra, neighbors, squared)
-    edges, edge_values = _edge_values(points, facets, facet_values)
+    columns = np.ascontiguousarray(points.T)
+    squared = _tetrahedron_values(columns, tetrahedra)
+    facets, facet_values, sides = _facet_values(columns, tetrahedra, neighbors, squared)
+    edges, edge_values = _edge_values(columns, facets, facet_values)
     return AlphaComplex(len(points), edges, np.sqrt(edge_values), np.sqrt(facet_values), sides, np.sqrt(squared))
 
 
-def _tetrahedron_values(corner: Floats) -> Floats:
-    """Squared circumradii of (T, 4, 3) tetrahedra; infinite for flat ones."""
-    a, b, c = (corner[:, k] - corner[:, 0] for k in (1, 2, 3))
-    bc, ca, ab = np.cross(b, c), np.cross(c, a), np.cross(a, b)
-    determinant = 2 * (a * bc).sum(1)
-    numerator = (a * a).sum(1)[:, None] * bc + (b * b).sum(1)[:, None] * ca + (c * c).sum(1)[:, None] * ab
+def _tetrahedron_values(columns: Floats, tetrahedra: Integers) -> Floats:
+    """Squared circumradii (T,) of tetrahedra (T, 4) of points (3, N); infinite for flat ones."""
+    start = columns.take(tetrahedra[:, 0], axis=1)
+    a, b, c = (columns.take(tetrahedra[:, k], axis=1) - start for k in (1, 2, 3))
+    bc, ca, ab = cross_columns(b, c), cross_columns(c, a), cross_columns(a, b)
+    determinant = 2 * _dots(a, bc)
+    numerator = _dots(a, a) * bc + _dots(b, b) * ca + _dots(c, c) * ab
     is_solid = determinant != 0
-    squared = (numerator * numerator).sum(1) / np.where(is_solid, determinant, 1.0) ** 2
+    squared = _dots(numerator, numerator) / np.where(is_solid, determinant, 1.0) ** 2
     return np.where(is_solid, squared, np.inf)
 
 
 def _facet_values(
-    points: Floats, tetrahedra: Integers, neighbors: Integers, squared: Floats
+    columns: Floats, tetrahedra: Integers, neighbors: Integers, squared: Floats
 ) -> tuple[Integers, Floats, Integers]:
-    """Every facet once: vertices (F, 3), squared radii (F,), and the tetrahedra on both sides (F, 2)."""
+    """Every facet of tetrahedra (T, 4) of points (3, N) once.
+
+    Returns:
+        Vertices (F, 3), squared radii (F,), and the tetrahedra on both sides (F, 2).
+    """
     count = len(tetrahedra)
     first, corner = np.nonzero((neighbors < 0) | (np.arange(count)[:, None] < neighbors))
     second = np.where(neighbors[first, corner] < 0, count, neighbors[first, corner])
     facets = tetrahedra[first[:, None], FACETS[corner]]
-    center, radius = _circumcircles(points[facets])
+    center, radius = _circumcircles(*(columns.take(facets[:, k], axis=1) for k in range(3)))
     values = np.append(squared, np.inf)
     bound = np.minimum(values[first], values[second])
     across = np.append(neighbors, [[-1] * 4], axis=0)[second]
     opposite = (across == first[:, None]).argmax(1)
-    apex = points[tetrahedra[first, corner]]
-    other = points[np.append(tetrahedra, tetrahedra[:1], axis=0)[second, opposite]]
-    is_full = ((apex - center) ** 2).sum(1) < radius
-    is_full |= (((other - center) ** 2).sum(1) < radius) & (second < count)
+    apex = columns.take(tetrahedra[first, corner], axis=1) - center
+    other = columns.take(np.append(tetrahedra, tetrahedra[:1], axis=0)[second, opposite], axis=1) - center
+    is_full = _dots(apex, apex) < radius
+    is_full |= (_dots(other, other) < radius) & (second < count)
     return facets, np.where(is_full, bound, np.minimum(radius, bound)), np.stack((first, second), 1)
 
 
-def _circumcircles(corner: Floats) -> tuple[Floats, Floats]:
-    """Centers (F, 3) and squared radii (F,) of the circumscribed circles of triangles (F, 3, 3)."""
-    u, v = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
-    w = np.cross(u, v)
-    size = 2 * (w * w).sum(1)
-    way = (u * u).sum(1)[:, None] * np.cross(v, w) + (v * v).sum(1)[:, None] * np.cross(w, u)
-    way /= np.where(size > 0, size, 1.0)[:, None]
-    return corner[:, 0] + way, np.where(size > 0, (way * way).sum(1), np.inf)
+def _circumcircles(first: Floats, second: Floats, third: Floats) -> tuple[Floats, Floats]:
+    """Centers (3, F) and squared radii (F,) of the circumscribed circles of triangles with corners (3, F)."""
+    u, v = second - first, third - first
+    w = cross_columns(u, v)
+    size = 2 * _dots(w, w)
+    way = _dots(u, u) * cross_columns(v, w) + _dots(v, v) * cross_columns(w, u)
+    way /= np.where(size > 0, size, 1.0)
+    return first + way, np.where(size > 0, _dots(way, way), np.inf)
 
 
-def _edge_values(points: Floats, facets: Integers, facet_values: Floats) -> tuple[Integers, Floats]:
-    """Every edge once, (E, 2), and its squared radius (E,)."""
-    ordered, count = np.sort(facets, axis=1), len(points)
+def _dots(first: Floats, second: Floats) -> Floats:
+    """Scalar products of columns (3, n), as (n,)."""
+    return np.asarray(np.einsum("an,an->n", first, second))
+
+
+def _edge_values(columns: Floats, facets: Integers, facet_values: Floats) -> tuple[Integers, Floats]:
+    """Every edge of facets (F, 3) of points (3, N) once, (E, 2), and its squared radius (E,)."""
+    ordered, count = np.sort(facets, axis=1), columns.shape[1]
     keys = np.concatenate([ordered[:, a] * count + ordered[:, b] for a, b in ((0, 1), (0, 2), (1, 2))])
-    opposite = np.concatenate([ordered[:, c] for c in (2, 1, 0)])
-    order = np.argsort(keys, kind="stable")
-    keys, opposite, values = keys[order], opposite[order], np.tile(facet_values, 3)[order]
+    order, keys_in_order = in_order(keys.view(np.uint64))
+    keys = keys_in_order.view(np.int64)
+    opposite, values = np.concatenate([ordered[:, c] for c in (2, 1, 0)])[order], np.tile(facet_values, 3)[order]
     first = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    ends = np.stack((keys // count, keys % count), 1)
-    one, two = points[ends[:, 0]] - points[opposite], points[ends[:, 1]] - points[opposite]
-    is_full = np.logical_or.reduceat((one * two).sum(1) < 0, first)
+    start, end = np.divmod(keys, count)
+    middle = columns.take(opposite, axis=1)
+    is_inside = _dots(columns.take(start, axis=1) - middle, columns.take(end, axis=1) - middle) < 0
+    is_full = np.logical_or.reduceat(is_inside, first)
     bound = np.minimum.reduceat(values, first)
-    edges = ends[first]
-    half = ((points[edges[:, 0]] - points[edges[:, 1]]) ** 2).sum(1) / 4
-    return edges, np.where(is_full, bound, np.minimum(half, bound))
+    way = columns.take(start[first], axis=1) - columns.take(end[first], axis=1)
+    edges = np.stack((start[first], end[first]), 1)
+    return edges, np.where(is_full, bound, np.minimum(_dots(way, way) / 4, bound))

@@ -22,7 +22,14 @@ from topokit.core.cloud.cut_counts import solid_eulers
 from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
-from topokit.core.cloud.neighborhoods import LocalGeometry, crowded_shares, disagreement, flatten, local_spacings
+from topokit.core.cloud.neighborhoods import (
+    LocalGeometry,
+    crowded_shares,
+    disagreement,
+    flatten,
+    local_spacings,
+    typical_and_finest,
+)
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
@@ -48,7 +55,6 @@ WEIGHTS: dict[Family, tuple[float, ...]] = {
 }
 """Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
 
-_FINEST = 0.1  # share of the samples whose spacing may be finer than a grid's cells
 _PROBES = 2000  # samples at which sheets are looked for that are far apart in spacings
 _MOST_IN_FIELD = 200_000  # points of a large cloud that its fields are made from
 
@@ -180,7 +186,7 @@ def gather_dense_votes(
         As for `gather_votes`.
     """
     chosen = normals[samples.kept]
-    part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), float(np.quantile(local.spacings, _FINEST))
+    part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), typical_and_finest(local.spacings)[1]
     areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
     cuts, fields = [], []
     with ThreadPoolExecutor(os.cpu_count()) as threads:

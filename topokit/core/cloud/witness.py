@@ -21,7 +21,7 @@ from topokit.core.cloud.cut_surface import cut_surface
 from topokit.core.cloud.dense import MOST_POINTS, thinned
 from topokit.core.cloud.downsampling import distinct
 from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
-from topokit.core.cloud.looks import Cloud, Look, look_at, stage_seconds
+from topokit.core.cloud.looks import Cloud, Look, look_at
 from topokit.core.cloud.neighborhoods import (
     FEWEST_POINTS,
     centered_positions,
@@ -30,6 +30,7 @@ from topokit.core.cloud.neighborhoods import (
     unit,
 )
 from topokit.core.cloud.rounding import single_precision_step
+from topokit.core.cloud.stage_seconds import stage_seconds
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
 from topokit.core.kd_tree import nearest_in_tree
@@ -128,7 +129,7 @@ def global_witness(
 
 
 def _in_order(points: Floats) -> tuple[Integers, Integers]:
-    """As `distinct`; many points along a curve: neighbors in space are neighbors in memory, whatever the order given."""
+    """As `distinct`, but many points in the order of a curve: neighbors in space are neighbors in memory."""
     first, owner = distinct(points)
     if len(first) <= MOST_POINTS:
         return first, owner

@@ -59,11 +59,14 @@ def ended(block: str, *signals: int) -> tuple[int, list[str], str]:
         preexec_fn=accept_interrupts,
     ) as process:
         assert process.stdout is not None
-        process.stdout.readline()
-        for number in signals:
-            process.send_signal(number)
-            time.sleep(0.2)
-        out, errors = process.communicate(timeout=60)
+        try:
+            process.stdout.readline()
+            for number in signals:
+                process.send_signal(number)
+                time.sleep(0.2)
+            out, errors = process.communicate(timeout=60)
+        finally:
+            process.kill()
     return process.returncode, out.splitlines(), errors
 
 

@@ -204,6 +204,7 @@ def test_lengths_are_checked() -> None:
         tk.from_points(*ragged()[:2], lengths=ragged()[2]).refined_euler(2)
 
 
+@pytest.mark.long
 def test_the_example_watches_a_training() -> None:
     example = Path(__file__).resolve().parents[2] / "examples" / "monitor_training.py"
     command = [sys.executable, str(example), "--clouds", "2", "--points", "800", "--steps", "3"]

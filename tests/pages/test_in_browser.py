@@ -79,6 +79,16 @@ def middle(points: np.ndarray) -> np.ndarray:
     return (points.min(axis=0) + points.max(axis=0)) / 2
 
 
+def assert_flies_to(page: Page, number: int, place: np.ndarray) -> None:
+    """The mark is chosen, and the camera looks at it when it has come to rest, however slow the machine is."""
+    page.wait_for_selector(f"#canvas[data-chosen='{number}']")
+    for _ in range(100):
+        if np.allclose(target(page), place, atol=2e-3):
+            return
+        page.wait_for_timeout(200)
+    np.testing.assert_allclose(target(page), place, atol=2e-3)
+
+
 def test_a_click_centers_a_handle(page: Page) -> None:
     page.click("text=torus")
     page.wait_for_selector("#canvas[data-target]")
@@ -86,9 +96,7 @@ def test_a_click_centers_a_handle(page: Page) -> None:
     [handle] = TORUS.handles()
     for number, loop in enumerate((handle.handle_loop, handle.tunnel_loop)):
         page.click(f"text={('handle', 'tunnel')[number]} loop")
-        page.wait_for_selector(f"#canvas[data-chosen='{number}']")
-        page.wait_for_timeout(1_500)
-        np.testing.assert_allclose(target(page), middle(loop), atol=2e-3)
+        assert_flies_to(page, number, middle(loop))
     assert np.abs(middle(handle.handle_loop) - OFFSET).max() > 0.5, "the handle loop is on one side of the torus"
     page.click("text=Whole")
     np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
@@ -100,14 +108,26 @@ def test_a_click_centers_a_boundary(tmp_path: Path) -> None:
     with opened_page() as (page, complaints):
         page.goto((tmp_path / "torn.html").as_uri())
         page.click("text=boundary 1")
-        page.wait_for_timeout(1_500)
-        np.testing.assert_allclose(target(page), middle(boundary.points), atol=2e-3)
+        assert_flies_to(page, 0, middle(boundary.points))
         assert complaints == []
+
+
+def test_a_click_before_the_shape_is_unpacked_is_not_lost(page: Page) -> None:
+    page.evaluate(
+        """() => {
+            history.replaceState(null, "", "#shape-1");
+            dispatchEvent(new HashChangeEvent("hashchange"));
+            document.querySelector("#details tr[data-mark='0']").click();
+        }"""
+    )
+    [handle] = TORUS.handles()
+    assert_flies_to(page, 0, middle(handle.handle_loop))
 
 
 def test_the_view_shows_the_surface_and_its_lines(page: Page) -> None:
     page.click("text=torus")
-    page.wait_for_timeout(1_000)
+    page.wait_for_selector("#canvas[data-target]")
+    page.evaluate("() => new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
     view = np.asarray(Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")).astype(int)
     red, green, blue = np.moveaxis(view, 2, 0)
     assert ((red - blue > 40) & (np.abs(green - blue) < 60)).mean() > 0.03, "the outside of the torus"

@@ -6,5 +6,6 @@ import signal
 
 
 def accept_interrupts() -> None:
-    """In the new process: jobs in the background of a shell, and what they start, ignore SIGINT."""
+    """In the new process: what a shell starts in the background ignores SIGINT, and what nohup starts SIGHUP."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)

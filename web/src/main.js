@@ -8,6 +8,7 @@ const rows = [...document.querySelectorAll("#shapes tbody tr")];
 const table = new Table(rows);
 let viewer = null;
 let current = 0;
+let drawn = Promise.resolve(); // when the shape that was asked for last is in view
 
 function step(link, row) {
   link.hidden = rows.length < 2;
@@ -47,9 +48,11 @@ function draw(scene) {
   viewer?.show(scene);
 }
 
-byId("details").addEventListener("click", (event) => {
+byId("details").addEventListener("click", async (event) => {
   const row = event.target.closest("tr.place");
-  if (!row || !viewer) return;
+  if (!row) return;
+  await drawn; // a place can be clicked before its shape is unpacked
+  if (!row.isConnected || !viewer?.marks) return;
   for (const other of byId("details").querySelectorAll(".chosen")) other.classList.remove("chosen");
   row.classList.add("chosen");
   if (row.dataset.mark !== undefined) viewer.findMark(Number(row.dataset.mark));
@@ -59,7 +62,7 @@ byId("details").addEventListener("click", (event) => {
 const wanted = () => Number(/^#shape-(\d+)$/.exec(location.hash)?.[1] ?? 0);
 const open = () => {
   const number = rows.length === 1 ? 1 : wanted();
-  return show(number <= rows.length ? number : 0);
+  drawn = show(number <= rows.length ? number : 0);
 };
 window.addEventListener("hashchange", open);
 window.addEventListener("keydown", (event) => {

@@ -90,6 +90,7 @@ export class Viewer {
   }
 
   home() {
+    this.flight = null;
     this.controls.target.set(0, 0, 0);
     this.camera.position.copy(START[this.up]).setLength(this.distance(this.body?.radius ?? 0.8));
     this.controls.update();
@@ -137,6 +138,7 @@ export class Viewer {
     away.normalize();
     const began = performance.now();
     const frame = (now) => {
+      if (this.flight !== frame) return; // the camera was sent elsewhere
       const share = Math.min(1, Math.max(0, (now - began) / FLIGHT));
       const eased = share * share * (3 - 2 * share);
       this.controls.target.lerpVectors(from[0], to[0], eased);
@@ -147,6 +149,7 @@ export class Viewer {
       if (share < 1) requestAnimationFrame(frame);
       else this.report();
     };
+    this.flight = frame;
     requestAnimationFrame(frame);
   }
 

@@ -160,7 +160,7 @@ def test_trained_torus() -> None:
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    shape = tk.from_sdf(net, resolution=256)
+    shape = tk.from_sdf(net, resolution=128)
     report = shape.report()
     assert (report.euler, report.genus, report.verdict) == (0, 1, "likely")
     assert shape.genus() == 1

@@ -36,7 +36,7 @@ def test_samples_follow_a_training_at_a_small_part_of_the_cost() -> None:
         with torch.no_grad():
             torus.minor += 0.01
         torus.n_points = 0
-        shape = tk.from_sdf(torus, bounds=BOX, starts=samples.points)
+        shape = tk.from_sdf(torus, bounds=BOX, starts=samples.points, resolution=128)
         samples = shape.samples
         assert torus.n_points < 10 * 1500
         assert samples.n_points == 1500

@@ -74,7 +74,7 @@ def test_points_far_off_are_left_out_and_told() -> None:
 
 
 def test_coordinates_that_single_precision_has_rounded_are_never_likely() -> None:
-    exact = 20 * sphere(4000)
+    exact = 12 * sphere(1500)
     far = exact + 1e7  # where single precision has whole numbers only, and the spacing is about 1
     assert topokit.from_points(far).report().verdict == "likely"
     assert topokit.from_points(exact.astype(np.float32)).report().verdict == "likely"

@@ -38,7 +38,7 @@ from topokit.errors import InputError, ReadError, UnknownFormatError
 
 REFUSALS = (InputError, ReadError, UnknownFormatError)
 resource: Any = pytest.importorskip("resource", reason="the memory of a process is measured as on Unix")
-N_FILES = [400, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each format
+N_FILES = [150, pytest.param(2000, marks=pytest.mark.long)]  # mutated, of each format
 SHAPED_EVERY = 50  # of the files that can be read, one in so many also goes through cleaning and sampling
 SECONDS = 10.0  # of one core per format; about 1.5 are used
 MEBIBYTES = 64  # of growth per format, where the files have kilobytes
@@ -141,7 +141,7 @@ def read_all(files: Iterator[bytes], path: Path) -> tuple[int, list[str]]:
 def test_damaged_files_end_in_a_topokit_error(format_name: str, n_files: int, tmp_path: Path) -> None:
     name, prepare = FORMATS[format_name]
     next_file = prepare(tmp_path)
-    read_all((next_file(np.random.default_rng(i)) for i in range(200)), tmp_path / name)  # imports take memory too
+    read_all((next_file(np.random.default_rng(i)) for i in range(50)), tmp_path / name)  # imports take memory too
     rng = np.random.default_rng(0)
     before, started = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     n_read, refusals = read_all((next_file(rng) for _ in range(n_files)), tmp_path / name)

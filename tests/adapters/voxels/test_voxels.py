@@ -270,6 +270,7 @@ def test_an_array_of_points_stays_points(tmp_path: Path) -> None:
         assert tk.load(tmp_path / name).field is None
 
 
+@pytest.mark.long
 def test_real_volumes(real_data: Path) -> None:
     """Every volume of the shared data that has a truth, under both connectivities."""
     index = json.loads((real_data / "index.json").read_text(encoding="utf-8"))

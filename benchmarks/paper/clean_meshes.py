@@ -11,7 +11,8 @@ from torch import Tensor
 
 import topokit as tk
 from benchmarks.paper import baselines, shapes
-from benchmarks.paper.scores import Setting, Value, errors, estimate, is_right, near
+from benchmarks.paper.estimates import estimate
+from benchmarks.paper.scores import Setting, Value, errors, is_right, near
 from benchmarks.paper.tables import Table, installed, timed
 
 K_VALUES = (16, 20, 30)
@@ -51,12 +52,13 @@ class Score:
 
 def by_curvature(cloud: Cloud) -> Iterator[Answer]:
     """The paper's estimate with the faces' normals, PCA normals and quadric normals."""
-    for k in K_VALUES:
-        yield (f"χ⁽⁰⁾, true normals, k = {k}", *timed(lambda k=k: estimate(cloud.points, cloud.normals, k)))
-    for k in K_VALUES:
-        yield (f"χ⁽⁰⁾, PCA normals, k = {k} (the paper)", *timed(lambda k=k: estimate(cloud.points, None, k)))
-    quadric = timed(lambda: estimate(cloud.points, None, 20, "quadric"))
-    yield ("χ⁽⁰⁾, quadric normals, k = 20 (`euler()`)", *quadric)
+    named = {
+        **{f"χ⁽⁰⁾, true normals, k = {k}": ("given", k) for k in K_VALUES},
+        **{f"χ⁽⁰⁾, PCA normals, k = {k} (the paper)": ("pca", k) for k in K_VALUES},
+        "χ⁽⁰⁾, quadric normals, k = 20 (`euler()`)": ("quadric", 20),
+    }
+    for name, (kind, k) in named.items():
+        yield (name, *timed(lambda kind=kind, k=k: estimate(kind, cloud.points, cloud.normals, k)))
 
 
 def by_report(cloud: Cloud) -> Iterator[Answer]:
@@ -80,14 +82,11 @@ def by_poisson(cloud: Cloud) -> Iterator[Answer]:
 
 
 def meshlab_euler(mesh: baselines.Triangles, name: str) -> Value:
-    """Σ K A/2π by one of MeshLab's filters; None for meshes that are not 2-manifolds, which it refuses."""
-    import pymeshlab
-
-    try:
-        gaussian, _ = baselines.meshlab_curvature(mesh, name)
-    except pymeshlab.PyMeshLabException:
+    """Σ K A/2π by one of MeshLab's filters; None for meshes that it refuses."""
+    curvature = baselines.meshlab_curvature(mesh, name)
+    if curvature is None:
         return None
-    return float((gaussian * baselines.vertex_areas(mesh)).nansum()) / (2 * math.pi)
+    return float((curvature[0] * baselines.vertex_areas(mesh)).nansum()) / (2 * math.pi)
 
 
 def by_persistence(cloud: Cloud) -> Iterator[Answer]:

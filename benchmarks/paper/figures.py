@@ -12,7 +12,7 @@ from torch import Tensor
 import topokit as tk
 from benchmarks.paper.baselines import alpha_bars, plateaus, spacing
 from benchmarks.paper.self_optimization import TARGET, curves
-from benchmarks.paper.shapes import Mesh, read, samples
+from benchmarks.paper.shapes import Mesh, generated, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing
 from topokit.core.linalg import tangent_basis
 from topokit.core.local.curvature import at_neighbors, tangent_neighbors
@@ -90,7 +90,7 @@ def draw(options: Options, path: Path) -> None:
     from matplotlib import pyplot
 
     n = 2_000 if options.quick else 10_000
-    meshes = {"genus 3": Mesh(*genus_mesh(3), process=False)}
+    meshes = {"genus 3": generated(genus_mesh(3))}
     if options.data is not None:
         folder = options.data / "meshes"
         meshes = {"Kitten": read(folder / "paper_Kitten.obj"), "Genus6surface": read(folder / "paper_Genus6.obj")}
@@ -100,7 +100,7 @@ def draw(options: Options, path: Path) -> None:
     draw_cell(figure.add_subplot(2, 3, 3))
     draw_convergence(figure.add_subplot(2, 3, 4), options)
     if installed("gudhi"):
-        points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
+        points = samples(generated(genus_mesh(3)), n, 0)[0]
         draw_barcode(figure.add_subplot(2, 3, 5), points)
         draw_alpha_euler(figure.add_subplot(2, 3, 6), points, int(TARGET))
     figure.tight_layout()

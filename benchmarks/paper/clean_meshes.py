@@ -13,7 +13,7 @@ import topokit as tk
 from benchmarks.paper import baselines, shapes
 from benchmarks.paper.estimates import estimate
 from benchmarks.paper.scores import Setting, Value, errors, is_right, near
-from benchmarks.paper.tables import Table, installed, timed
+from benchmarks.paper.tables import Options, Table, installed, timed
 
 K_VALUES = (16, 20, 30)
 MESHLAB_FILTERS = baselines.MESHLAB[1:]  # the three that the paper's Table II has
@@ -97,23 +97,25 @@ def by_persistence(cloud: Cloud) -> Iterator[Answer]:
     yield "alpha complex, best α in hindsight", baselines.nearest_plateau(plateaus, cloud.euler), seconds
 
 
-def ways(quick: bool) -> list[Callable[[Cloud], Iterator[Answer]]]:
-    """All groups of methods whose packages are installed."""
-    found: list[Callable[[Cloud], Iterator[Answer]]] = [by_curvature]
-    if not quick:
-        found.append(by_report)
-        found += [by_poisson] if installed("open3d") else []
-        found += [by_persistence] if installed("gudhi") else []
-    return found
+WAYS: dict[str, Callable[[Cloud], Iterator[Answer]]] = {
+    "curvature": by_curvature,
+    "report": by_report,
+    "poisson": by_poisson,
+    "persistence": by_persistence,
+}
+"""Groups of methods by name."""
+NEEDED = {"poisson": "open3d", "persistence": "gudhi"}
 
 
-def clean_table(title: str, meshes: list[tuple[str, int, shapes.Mesh]], setting: Setting, quick: bool) -> Table:
-    """Every method on every mesh, one draw each."""
+def clean_table(title: str, meshes: list[tuple[str, int, shapes.Mesh]], setting: Setting, options: Options) -> Table:
+    """Every method, or those that were asked for, on every mesh, one draw each."""
+    wanted = ("curvature",) if options.quick else options.methods or tuple(WAYS)
+    ways = [WAYS[name] for name in wanted if name not in NEEDED or installed(NEEDED[name])]
     scores: dict[str, Score] = {}
     for name, euler, mesh in meshes:
         progress = Table(name, [])  # so that a long run tells where it is
         cloud = Cloud(*shapes.samples(mesh, setting.n_points, 0, setting.noise), euler)
-        for way in ways(quick):
+        for way in ways:
             for method, value, seconds in way(cloud):
                 score = scores.setdefault(method, Score())
                 score.values.append((value, euler))

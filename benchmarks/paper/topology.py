@@ -168,7 +168,7 @@ def tables_of_clean_meshes(options: Options, wanted: Sequence[str]) -> list[Tabl
     if options.data is None:
         rows = [row for row in shapes.rows(None, None) if row.make is not None]
         known = [(row.name, row.euler, row.make()) for row in rows if row.make is not None]
-        table = clean_table("Shapes made by topokit.testing", known, ROW_SETTINGS["5 k"], options.quick)
+        table = clean_table("Shapes made by topokit.testing", known, ROW_SETTINGS["5 k"], options)
         table.notes.append("Without --data the rows that need its files, and the table of clean meshes, are left out.")
         return [table]
     clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else options.every]
@@ -176,7 +176,7 @@ def tables_of_clean_meshes(options: Options, wanted: Sequence[str]) -> list[Tabl
     settings = {"clean": ROW_SETTINGS[REPORTED], "noisy": NOISY}
     title = f"{len(meshes)} clean meshes"
     names = [name for name in settings if name in wanted and not (name == "noisy" and options.quick)]
-    return [clean_table(title, meshes, settings[name], options.quick) for name in names]
+    return [clean_table(title, meshes, settings[name], options) for name in names]
 
 
 PARTS = ("rows", "vertices", "clean", "noisy")

@@ -36,6 +36,7 @@ import torch  # noqa: E402
 
 from benchmarks.paper.clean_meshes import WAYS  # noqa: E402
 from benchmarks.paper.printed import TABLE_2  # noqa: E402
+from benchmarks.paper.scores import ROW_SETTINGS  # noqa: E402
 from benchmarks.paper.tables import Options  # noqa: E402
 
 SUBCOMMANDS = {
@@ -79,6 +80,7 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--every", type=int, default=1, help="topology: every n-th of the clean meshes of DATA")
     parser.add_argument("--part", default="all", help="a part of curvature, study, topology or time")
     parser.add_argument("--rows", nargs="+", default=(), choices=TABLE_2, metavar="ROW", help="topology: these rows")
+    parser.add_argument("--settings", nargs="+", default=(), choices=ROW_SETTINGS, help="topology: rows in these")
     parser.add_argument("--methods", nargs="+", default=(), choices=WAYS, help="topology: these, on the clean meshes")
     return parser.parse_args(words)
 
@@ -92,7 +94,7 @@ def main(words: list[str] | None = None) -> int:
             return 2
     seeds = 1 if given.quick else given.seeds
     folders = (given.data, given.thingi10k, given.pictures)
-    chosen = (given.every, given.part, tuple(given.rows), tuple(given.methods))
+    chosen = (given.every, given.part, tuple(given.rows), tuple(given.settings), tuple(given.methods))
     options = Options(seeds, given.quick, *folders, *chosen)
     module = importlib.import_module(f"benchmarks.paper.{SUBCOMMANDS[given.subcommand]}")
     parts = ("all", *getattr(module, "PARTS", ()))

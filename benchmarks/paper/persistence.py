@@ -58,8 +58,8 @@ def tables(options: Options) -> list[Table]:
         table.add("topokit report()", f"{seconds:.2f}", "–", "–", f"{report.euler} ({report.verdict})")
         if installed("gudhi"):
             (simplices, alpha), seconds = timed(lambda points=points: alpha_bars(points))
-            read = longest_plateau(plateaus(points, alpha))
-            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(alpha[1]), read)
+            held = longest_plateau(plateaus(points, alpha))
+            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(alpha[1]), held)
             for limit in EDGES[:1] if options.quick else EDGES:
                 (simplices, bars), seconds = timed(lambda p=points, edge=limit: rips(p, edge))
                 table.add(f"gudhi, Rips, edges ≤ {limit}", f"{seconds:.2f}", simplices, longest(bars), "–")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from benchmarks.paper.printed import SETTINGS
+
 Value = float | int | None
 
 
@@ -19,6 +21,13 @@ class Setting:
     def text(self) -> str:
         points = f"{self.n_points // 1000} k" if self.n_points % 1000 == 0 else f"{self.n_points}"
         return points + (f", noise {self.noise / 2:.2%}" if self.noise else "")
+
+
+ROW_SETTINGS = {
+    **dict(zip(SETTINGS, (Setting(5_000), Setting(10_000), Setting(10_000, 0.025)), strict=True)),
+    "10 k, noise 0.01": Setting(10_000, 0.01),
+}
+"""The paper's settings, and one with less noise."""
 
 
 def is_right(value: Value, euler: int) -> bool:

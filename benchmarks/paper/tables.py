@@ -27,6 +27,7 @@ class Options:
         every: takes every n-th of the clean meshes of the data.
         part: one of the `PARTS` of the subcommand's module, or "all".
         rows: names of rows of Table II, in the order wanted; empty means all.
+        settings: numbers of points and noise of these rows; empty means all.
         methods: groups of methods for the clean meshes; empty means all.
     """
 
@@ -38,6 +39,7 @@ class Options:
     every: int = 1
     part: str = "all"
     rows: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
 
 

@@ -14,15 +14,12 @@ from benchmarks.paper import shapes
 from benchmarks.paper.clean_meshes import clean_table
 from benchmarks.paper.estimates import estimate
 from benchmarks.paper.printed import SETTINGS, TABLE_2, ours
-from benchmarks.paper.scores import Setting, Value, errors, is_right, near
+from benchmarks.paper.scores import ROW_SETTINGS, Setting, Value, errors, is_right, near
 from benchmarks.paper.tables import Options, Table, installed, missing, seeds_text
 from topokit.core.neighbors import nearest_neighbors
 
 K_VALUES = (16, 20, 30)
-NOISY = Setting(10_000, 0.01)  # 0.5 % of the longest side
-PAPER_SETTINGS = (Setting(5_000), Setting(10_000), Setting(10_000, 0.025))
-ROW_SETTINGS = {**dict(zip(SETTINGS, PAPER_SETTINGS, strict=True)), "10 k, noise 0.01": NOISY}
-REPORTED = "10 k"
+REPORTED, NOISY = "10 k", "10 k, noise 0.01"  # 0.5 % of the longest side
 ESTIMATES = {
     **{f"true normals, k = {k}": ("given", k) for k in K_VALUES},
     "PCA, k = 20": ("pca", 20),
@@ -66,7 +63,7 @@ def row_table(options: Options, rows: Sequence[shapes.Row], with_vertices: bool 
         f"Rows of Table II: χ from {what}, median [range] over {seeds_text(options)}",
         ["row", "χ", "measured here", "setting", "paper", *METHODS],
     )
-    names = list(ROW_SETTINGS)[:1] if options.quick else list(ROW_SETTINGS)
+    names = list(ROW_SETTINGS)[:1] if options.quick else options.settings or tuple(ROW_SETTINGS)
     measured: Measured = {name: [] for name in names}
     for row in rows:
         if row.make is None:
@@ -173,7 +170,7 @@ def tables_of_clean_meshes(options: Options, wanted: Sequence[str]) -> list[Tabl
         return [table]
     clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else options.every]
     meshes = [(name, euler, shapes.read(path)) for name, euler, path in clean]
-    settings = {"clean": ROW_SETTINGS[REPORTED], "noisy": NOISY}
+    settings = {"clean": ROW_SETTINGS[REPORTED], "noisy": ROW_SETTINGS[NOISY]}
     title = f"{len(meshes)} clean meshes"
     names = [name for name in settings if name in wanted and not (name == "noisy" and options.quick)]
     return [clean_table(title, meshes, settings[name], options) for name in names]

@@ -1,6 +1,6 @@
 """The paper's experiments: its tables with the paper's numbers beside those found here, as Markdown.
 
-    python benchmarks/paper_tables.py SUBCOMMAND [--seeds 5] [--quick] [--data DIR] [--thingi10k DIR] [--json OUT]
+    python benchmarks/paper_tables.py SUBCOMMAND [--part PART] [--seeds 5] [--quick] [--data DIR] [--json OUT]
 
 | subcommand | |
 |---|---|
@@ -34,7 +34,9 @@ sys.path.insert(0, str(ROOT))  # so that the script runs from anywhere
 
 import torch  # noqa: E402
 
+from benchmarks.paper.clean_meshes import WAYS  # noqa: E402
 from benchmarks.paper.printed import TABLE_2  # noqa: E402
+from benchmarks.paper.scores import ROW_SETTINGS  # noqa: E402
 from benchmarks.paper.tables import Options  # noqa: E402
 
 SUBCOMMANDS = {
@@ -76,8 +78,10 @@ def arguments(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--json", type=Path, help="also write the tables to this file")
     parser.add_argument("--pictures", type=Path, default=ROOT / "docs" / "pictures", help="folder for figures")
     parser.add_argument("--every", type=int, default=1, help="topology: every n-th of the clean meshes of DATA")
-    parser.add_argument("--part", default="all", help="a part of topology, study or time")
+    parser.add_argument("--part", default="all", help="a part of curvature, study, topology or time")
     parser.add_argument("--rows", nargs="+", default=(), choices=TABLE_2, metavar="ROW", help="topology: these rows")
+    parser.add_argument("--settings", nargs="+", default=(), choices=ROW_SETTINGS, help="topology: rows in these")
+    parser.add_argument("--methods", nargs="+", default=(), choices=WAYS, help="topology: these, on the clean meshes")
     return parser.parse_args(words)
 
 
@@ -90,7 +94,8 @@ def main(words: list[str] | None = None) -> int:
             return 2
     seeds = 1 if given.quick else given.seeds
     folders = (given.data, given.thingi10k, given.pictures)
-    options = Options(seeds, given.quick, *folders, given.every, given.part, tuple(given.rows))
+    chosen = (given.every, given.part, tuple(given.rows), tuple(given.settings), tuple(given.methods))
+    options = Options(seeds, given.quick, *folders, *chosen)
     module = importlib.import_module(f"benchmarks.paper.{SUBCOMMANDS[given.subcommand]}")
     parts = ("all", *getattr(module, "PARTS", ()))
     if given.part not in parts:

@@ -11,13 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 SCRIPT = Path(__file__).parents[1] / "benchmarks" / "paper_tables.py"
 sys.path.insert(0, str(SCRIPT.parents[1]))
 
-from benchmarks.paper.baselines import longest_plateau, nearest_plateau, plateaus  # noqa: E402
-from benchmarks.paper.curvature import K, estimated, logs  # noqa: E402
+from benchmarks.paper.baselines import euler_of_mesh, longest_plateau, nearest_plateau, plateaus  # noqa: E402
+from benchmarks.paper.curvature import K, estimated  # noqa: E402
+from benchmarks.paper.curvature_errors import logs  # noqa: E402
 from benchmarks.paper.printed import TABLE_1, TABLE_2  # noqa: E402
+from benchmarks.paper.reconstructed import without_doubles  # noqa: E402
 from benchmarks.paper.scores import errors, is_right, near  # noqa: E402
 from benchmarks.paper.surfaces import COLUMNS  # noqa: E402
 from benchmarks.paper_tables import main  # noqa: E402
@@ -68,10 +71,23 @@ def test_topology_quick_runs(tmp_path: Path) -> None:
     content = json.loads(out.read_text(encoding="utf-8"))
     assert content["seconds"] < 120  # of the processor
     tables = content["tables"]
-    assert [len(table["rows"]) for table in tables] == [20, 6, 12, 7]
-    assert done.stdout.count("### ") == 4
-    icosphere = next(row for row in tables[0]["rows"] if row[0] == "Icosphere")
-    assert float(icosphere[5]) == pytest.approx(2, abs=0.1)
+    assert [len(table["rows"]) for table in tables] == [20, 6, 12, 1, 6, 7]
+    assert done.stdout.count("### ") == 6
+    for table in (tables[0], tables[3]):  # samples alone, and with the vertices
+        icosphere = next(row for row in table["rows"] if row[0] == "Icosphere")
+        assert float(icosphere[5]) == pytest.approx(2, abs=0.1)
+
+
+def test_doubles_are_merged_without_a_change_of_the_mesh() -> None:
+    """A corner of a tetrahedron is there twice, with two triangles without area on the edge between its copies."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, 0]])
+    faces = np.array([[0, 2, 1], [4, 1, 3], [1, 2, 3], [4, 3, 2], [0, 1, 4], [0, 4, 2]])
+    found = without_doubles((corners, faces))
+    assert found[0].shape == (4, 3)
+    assert found[1].shape == (4, 3)
+    assert euler_of_mesh(found) == euler_of_mesh((corners, faces)) == 2
+    area = [trimesh.Trimesh(*mesh, process=False).area for mesh in (found, (corners, faces))]
+    assert area[0] == pytest.approx(area[1])
 
 
 @pytest.mark.parametrize(

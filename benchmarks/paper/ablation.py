@@ -2,42 +2,32 @@
 
 from __future__ import annotations
 
-import math
 from statistics import median
 
 from torch import Tensor
 
-from benchmarks.paper.curvature import K, logs
+from benchmarks.paper.curvature import K
+from benchmarks.paper.curvature_errors import logs
+from benchmarks.paper.estimates import NORMALS, curvature_with, euler_of
 from benchmarks.paper.shapes import rows, samples
 from benchmarks.paper.surfaces import COLUMNS
 from benchmarks.paper.tables import Options, Table, spread
-from topokit.core.local.curvature import Curvature, CurvatureSettings, surface_curvature
+from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.local.self_optimization import self_optimize
 from topokit.core.local.weingarten import SOLVERS
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples
 
-NORMALS = ("given", "pca", "quadric")
 AREAS = {"exact": ("exact", 32), "Monte Carlo, W = 32": ("monte-carlo", 32), "Monte Carlo, W = 64": ("monte-carlo", 64)}
 SHAPES = ("Icosphere", "Kitten", "Genus6surface")
 
 
-def total(local: Curvature) -> float:
-    """(1/2π) Σ K·A."""
-    return float((local.gaussian * local.area).sum()) / (2 * math.pi)
-
-
-def samples_with(known_normals: Tensor, points: Tensor, kind: str) -> SurfaceSamples:
-    """Points with the given normals, or none."""
-    return SurfaceSamples(points, known_normals if kind == "given" else None)
-
-
-def draws(name: str, options: Options) -> list[tuple[AnalyticSamples, Tensor, Tensor]]:
-    """Surface, points and neighbors of a column of Table I for each seed."""
+def draw(name: str, options: Options, seed: int = 0) -> tuple[AnalyticSamples, Tensor, Tensor]:
+    """Surface, points and neighbors of a column of Table I."""
     share = 0.05 if options.quick else 10_000 / COLUMNS[name].n_points
-    found = [COLUMNS[name].samples(seed, share=min(share, 1.0)) for seed in range(options.seeds)]
-    return [(known, points, nearest_neighbors(points, K)) for known, points in found]
+    known, points = COLUMNS[name].samples(seed, share=min(share, 1.0))
+    return known, points, nearest_neighbors(points, K)
 
 
 def solver_table(options: Options) -> Table:
@@ -47,32 +37,30 @@ def solver_table(options: Options) -> Table:
         ["column", "normals", *SOLVERS],
     )
     for name in ("B", "D", "E"):
-        clouds = draws(name, options)
+        clouds = [draw(name, options, seed) for seed in range(options.seeds)]
         for kind in NORMALS:
             cells = []
             for solver in SOLVERS:
-                settings = CurvatureSettings(K, solver, normal_method="quadric" if kind == "quadric" else "pca")
                 found = [
-                    (known, surface_curvature(samples_with(known.normals, points, kind), settings, neighbors=index))
+                    (known, curvature_with(kind, points, known.normals, CurvatureSettings(K, solver), index))
                     for known, points, index in clouds
                 ]
                 means = [logs((local.gaussian - known.gaussian).abs())[1] for known, local in found]
-                cells.append(f"{spread(means)}; {median(total(local) for _, local in found):.2f}")
+                cells.append(f"{spread(means)}; {median(euler_of(local) for _, local in found):.2f}")
             table.add(name, kind, *cells)
     return table
 
 
 def area_table(options: Options) -> Table:
     """χ and the sum of the areas over the true area, for each way to the area."""
-    table = Table(f"Areas: χ; Σ A over the true area; given normals, k = {K}", ["column", *AREAS])
+    table = Table(f"Areas: χ; Σ A over the true area; given normals, k = {K}, one draw", ["column", *AREAS])
     for name in ("B", "D", "E"):
-        clouds = draws(name, options)[:1]
+        known, points, index = draw(name, options)
         cells = []
         for method, resolution in AREAS.values():
             settings = CurvatureSettings(K, "sylvester", method, resolution)  # type: ignore[arg-type]
-            known, points, index = clouds[0]
-            local = surface_curvature(SurfaceSamples(points, known.normals), settings, neighbors=index)
-            cells.append(f"{total(local):.3f}; {float(local.area.sum()) / known.area:.3f}")
+            local = curvature_with("given", points, known.normals, settings, index)
+            cells.append(f"{euler_of(local):.3f}; {float(local.area.sum()) / known.area:.3f}")
         table.add(name, *cells)
     return table
 
@@ -80,12 +68,13 @@ def area_table(options: Options) -> Table:
 def optimization_table(options: Options) -> Table:
     """Errors before and after self-optimization to the true χ."""
     table = Table(
-        f"Self-optimization to the true χ: χ, and log₁₀ of the mean error of K, before → after; PCA normals, k = {K}",
+        "Self-optimization to the true χ: χ, and log₁₀ of the mean error of K, before → after; PCA normals, "
+        f"k = {K}, one draw",
         ["column", "χ", "error of K"],
     )
     settings = CurvatureSettings(K)
     for name in ("B", "D", "E"):
-        known, points, index = draws(name, options)[0]
+        known, points, index = draw(name, options)
         start = SurfaceSamples(points)
         found = self_optimize(start, float(known.euler), settings=settings, neighbors=index)
         locals_ = [surface_curvature(one, settings, neighbors=index) for one in (start, found.samples)]
@@ -106,18 +95,9 @@ def shape_table(options: Options) -> Table:
         points, normals = samples(row.make(), n, 0)
         index = nearest_neighbors(points, K)
         for kind in NORMALS:
-            method = "quadric" if kind == "quadric" else "pca"
-            cells = [
-                total(
-                    surface_curvature(
-                        samples_with(normals, points, kind),
-                        CurvatureSettings(K, solver, normal_method=method),  # type: ignore[arg-type]
-                        neighbors=index,
-                    )
-                )
-                for solver in SOLVERS
-            ]
-            table.add(row.name, row.euler, kind, *(f"{value:.2f}" for value in cells))
+            settings = [CurvatureSettings(K, solver) for solver in SOLVERS]
+            values = [euler_of(curvature_with(kind, points, normals, one, index)) for one in settings]
+            table.add(row.name, row.euler, kind, *(f"{value:.2f}" for value in values))
     return table
 
 

@@ -13,14 +13,15 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, Delaunay
 from torch import Tensor
 
+from benchmarks.paper.printed import PAPER_NAMES
 from benchmarks.paper.surfaces import Column
 from topokit.core.linalg import normalize
 from topokit.core.local.quadric import fit_quadrics
 
 Floats = NDArray[np.float64]
 Triangles = tuple[Floats, NDArray[np.int64]]
-MESHLAB = ("Principal Component Analysis", "Taubin approximation", "Normal Cycles", "Quadric Fitting")
-"""MeshLab's filters; the paper calls them PCA, Taubin, Normal and Quadric."""
+MESHLAB = tuple(PAPER_NAMES)
+"""MeshLab's filters."""
 
 _PAIRS = 1 << 20  # neighbors held at once
 _HELD = 1.02  # ratio of the ends of an interval of α long enough to be read
@@ -124,8 +125,8 @@ def _edges(vertices: Floats, faces: NDArray[np.int64]) -> tuple[Floats, Floats]:
     return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
 
 
-def meshlab_curvature(mesh: Triangles, filter_name: str) -> tuple[Tensor, Tensor]:
-    """K and H at the vertices of a mesh by one of MeshLab's filters."""
+def meshlab_curvature(mesh: Triangles, filter_name: str) -> tuple[Tensor, Tensor] | None:
+    """K and H at the vertices by one of MeshLab's filters; None for meshes that it refuses: not 2-manifolds."""
     import pymeshlab
 
     def values(kind: str) -> Tensor:
@@ -136,7 +137,12 @@ def meshlab_curvature(mesh: Triangles, filter_name: str) -> tuple[Tensor, Tensor
         )
         return torch.from_numpy(meshes.current_mesh().vertex_scalar_array().copy())
 
-    return values("Gaussian"), values("Mean")
+    try:
+        return values("Gaussian"), values("Mean")
+    except pymeshlab.PyMeshLabException as error:
+        if "manifold" not in str(error):
+            raise
+        return None
 
 
 def poisson_mesh(points: Tensor, normals: Tensor | None) -> Triangles:

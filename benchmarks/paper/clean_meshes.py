@@ -11,8 +11,9 @@ from torch import Tensor
 
 import topokit as tk
 from benchmarks.paper import baselines, shapes
-from benchmarks.paper.scores import Setting, Value, errors, estimate, is_right, near
-from benchmarks.paper.tables import Table, installed, timed
+from benchmarks.paper.estimates import estimate
+from benchmarks.paper.scores import Setting, Value, errors, is_right, near
+from benchmarks.paper.tables import Options, Table, installed, timed
 
 K_VALUES = (16, 20, 30)
 MESHLAB_FILTERS = baselines.MESHLAB[1:]  # the three that the paper's Table II has
@@ -51,12 +52,13 @@ class Score:
 
 def by_curvature(cloud: Cloud) -> Iterator[Answer]:
     """The paper's estimate with the faces' normals, PCA normals and quadric normals."""
-    for k in K_VALUES:
-        yield (f"χ⁽⁰⁾, true normals, k = {k}", *timed(lambda k=k: estimate(cloud.points, cloud.normals, k)))
-    for k in K_VALUES:
-        yield (f"χ⁽⁰⁾, PCA normals, k = {k} (the paper)", *timed(lambda k=k: estimate(cloud.points, None, k)))
-    quadric = timed(lambda: estimate(cloud.points, None, 20, "quadric"))
-    yield ("χ⁽⁰⁾, quadric normals, k = 20 (`euler()`)", *quadric)
+    named = {
+        **{f"χ⁽⁰⁾, true normals, k = {k}": ("given", k) for k in K_VALUES},
+        **{f"χ⁽⁰⁾, PCA normals, k = {k} (the paper)": ("pca", k) for k in K_VALUES},
+        "χ⁽⁰⁾, quadric normals, k = 20 (`euler()`)": ("quadric", 20),
+    }
+    for name, (kind, k) in named.items():
+        yield (name, *timed(lambda kind=kind, k=k: estimate(kind, cloud.points, cloud.normals, k)))
 
 
 def by_report(cloud: Cloud) -> Iterator[Answer]:
@@ -80,14 +82,11 @@ def by_poisson(cloud: Cloud) -> Iterator[Answer]:
 
 
 def meshlab_euler(mesh: baselines.Triangles, name: str) -> Value:
-    """Σ K A/2π by one of MeshLab's filters; None for meshes that are not 2-manifolds, which it refuses."""
-    import pymeshlab
-
-    try:
-        gaussian, _ = baselines.meshlab_curvature(mesh, name)
-    except pymeshlab.PyMeshLabException:
+    """Σ K A/2π by one of MeshLab's filters; None for meshes that it refuses."""
+    curvature = baselines.meshlab_curvature(mesh, name)
+    if curvature is None:
         return None
-    return float((gaussian * baselines.vertex_areas(mesh)).nansum()) / (2 * math.pi)
+    return float((curvature[0] * baselines.vertex_areas(mesh)).nansum()) / (2 * math.pi)
 
 
 def by_persistence(cloud: Cloud) -> Iterator[Answer]:
@@ -98,23 +97,25 @@ def by_persistence(cloud: Cloud) -> Iterator[Answer]:
     yield "alpha complex, best α in hindsight", baselines.nearest_plateau(plateaus, cloud.euler), seconds
 
 
-def ways(quick: bool) -> list[Callable[[Cloud], Iterator[Answer]]]:
-    """All groups of methods whose packages are installed."""
-    found: list[Callable[[Cloud], Iterator[Answer]]] = [by_curvature]
-    if not quick:
-        found.append(by_report)
-        found += [by_poisson] if installed("open3d") else []
-        found += [by_persistence] if installed("gudhi") else []
-    return found
+WAYS: dict[str, Callable[[Cloud], Iterator[Answer]]] = {
+    "curvature": by_curvature,
+    "report": by_report,
+    "poisson": by_poisson,
+    "persistence": by_persistence,
+}
+"""Groups of methods by name."""
+NEEDED = {"poisson": "open3d", "persistence": "gudhi"}
 
 
-def clean_table(title: str, meshes: list[tuple[str, int, shapes.Mesh]], setting: Setting, quick: bool) -> Table:
-    """Every method on every mesh, one draw each."""
+def clean_table(title: str, meshes: list[tuple[str, int, shapes.Mesh]], setting: Setting, options: Options) -> Table:
+    """Every method, or those that were asked for, on every mesh, one draw each."""
+    wanted = ("curvature",) if options.quick else options.methods or tuple(WAYS)
+    ways = [WAYS[name] for name in wanted if name not in NEEDED or installed(NEEDED[name])]
     scores: dict[str, Score] = {}
     for name, euler, mesh in meshes:
         progress = Table(name, [])  # so that a long run tells where it is
         cloud = Cloud(*shapes.samples(mesh, setting.n_points, 0, setting.noise), euler)
-        for way in ways(quick):
+        for way in ways:
             for method, value, seconds in way(cloud):
                 score = scores.setdefault(method, Score())
                 score.values.append((value, euler))

@@ -2,51 +2,49 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from benchmarks.paper.baselines import MESHLAB, jet_curvature, meshlab_curvature, parameter_mesh, vertex_areas
-from benchmarks.paper.printed import TABLE_1
-from benchmarks.paper.surfaces import COLUMNS, Column
-from benchmarks.paper.tables import Options, Table, installed, missing, spread, timed
-from topokit.core.local.curvature import CurvatureSettings, surface_curvature
+from benchmarks.paper.baselines import MESHLAB, jet_curvature, meshlab_curvature, parameter_mesh
+from benchmarks.paper.curvature_errors import HEADER, Found, cells, integral, outward
+from benchmarks.paper.estimates import curvature_with, euler_of
+from benchmarks.paper.printed import PAPER_NAMES
+from benchmarks.paper.reconstructed import reconstructed_table
+from benchmarks.paper.surfaces import COLUMNS, FEW, Column
+from benchmarks.paper.tables import Options, Table, installed, missing, timed
+from topokit.core.local.curvature import CurvatureSettings
+from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
-from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples
 
 K = 30
-FEW = 20_000  # points from which all but two rows have one seed
-PAPER_NAMES = dict(zip(MESHLAB, ("PCA", "Taubin", "Normal", "Quadric"), strict=True))
 
 
 @dataclass(frozen=True)
-class Found:
-    """K and H at every point, with the signs of H right, their integral and the time it took."""
+class Method:
+    """One row of the tables.
 
-    gaussian: Tensor
-    mean: Tensor
-    euler: float
-    seconds: float
+    Attributes:
+        title: what it is.
+        run: from the surface at the points, and the points with noise.
+        printed: its row in the paper.
+        is_slow: whether its time grows with the square of the number of points.
+    """
 
-
-def logs(errors: Tensor) -> tuple[float, float, float]:
-    """log₁₀ of maximum, mean and median; values that are not finite count as the largest that are."""
-    errors = errors.nan_to_num(nan=1e300, posinf=1e300)
-    return tuple(math.log10(max(float(one), 1e-300)) for one in (errors.max(), errors.mean(), errors.median()))  # type: ignore[return-value]
+    title: str
+    run: Callable[[AnalyticSamples, Tensor], Found]
+    printed: str | None = None
+    is_slow: bool = False
 
 
 def estimated(known: AnalyticSamples, points: Tensor, k: int, normals: str) -> Found:
-    """topokit's estimate with normals that are "given", or estimated by "pca" or "quadric"."""
-    settings = CurvatureSettings(k, normal_method="quadric" if normals == "quadric" else "pca")
-    samples = SurfaceSamples(points, known.normals if normals == "given" else None)
-    local, seconds = timed(lambda: surface_curvature(samples, settings))
+    """topokit's estimate with normals of one of the kinds of `estimates.NORMALS`."""
+    local, seconds = timed(lambda: curvature_with(normals, points, known.normals, CurvatureSettings(k)))
     sign = torch.where((local.normals * known.normals).sum(-1) < 0, -1.0, 1.0)
-    euler = float((local.gaussian * local.area).sum()) / (2 * math.pi)
-    return Found(local.gaussian, sign * local.mean, euler, seconds)
+    return Found(local.gaussian, sign * local.mean, euler_of(local), seconds)
 
 
 def fitted(known: AnalyticSamples, points: Tensor, k: int) -> Found:
@@ -54,17 +52,17 @@ def fitted(known: AnalyticSamples, points: Tensor, k: int) -> Found:
     neighbors = nearest_neighbors(points, k)
     (gaussian, mean, normals), seconds = timed(lambda: jet_curvature(points, neighbors))
     sign = torch.where((normals * known.normals).sum(-1) < 0, -1.0, 1.0)
-    area = surface_curvature(SurfaceSamples(points), CurvatureSettings(k), neighbors=neighbors).area
-    return Found(gaussian, sign * mean, float((gaussian * area).sum()) / (2 * math.pi), seconds)
+    area = curvature_with("pca", points, known.normals, CurvatureSettings(k), neighbors).area
+    return Found(gaussian, sign * mean, float(euler_characteristic(gaussian, area)), seconds)
 
 
 def by_meshlab(column: Column, known: AnalyticSamples, points: Tensor, filter_name: str) -> Found:
     """One of MeshLab's filters on the Delaunay mesh of the parameters, the best mesh of these points."""
     mesh = parameter_mesh(column, known.points, points)
-    (gaussian, mean), seconds = timed(lambda: meshlab_curvature(mesh, filter_name))
-    sign = torch.where(mean * known.mean < 0, -1.0, 1.0) if (mean * known.mean).median() < 0 else 1.0
-    euler = float((gaussian * vertex_areas(mesh)).sum()) / (2 * math.pi)
-    return Found(gaussian, sign * mean, euler, seconds)
+    curvature, seconds = timed(lambda: meshlab_curvature(mesh, filter_name))
+    assert curvature is not None, "MeshLab refused the mesh of a sphere or torus"
+    gaussian, mean = curvature
+    return Found(gaussian, outward(mean, known), integral(gaussian, mesh), seconds)
 
 
 def zero(known: AnalyticSamples) -> Found:
@@ -73,59 +71,53 @@ def zero(known: AnalyticSamples) -> Found:
     return Found(nothing, nothing, 0.0, 0.0)
 
 
-Method = tuple[str, str | None, Callable[[AnalyticSamples, Tensor], Found]]
-
-
 def methods(column: Column, k_values: tuple[int, ...]) -> Iterator[Method]:
-    """Name, row of the paper, and how to compute it."""
+    """All rows of a column's table."""
     for k in k_values:
-        yield f"given normals, k = {k}", "Our" if k == K else None, lambda a, b, k=k: estimated(a, b, k, "given")
-        yield f"PCA normals, k = {k}", "Our" if k == K else None, lambda a, b, k=k: estimated(a, b, k, "pca")
-    yield f"quadric normals, k = {K}", None, lambda a, b: estimated(a, b, K, "quadric")
-    yield f"quadric (jet) fit, k = {K}", None, lambda a, b: fitted(a, b, K)
-    yield "zero", None, lambda a, b: zero(a)
+        ours = "Our" if k == K else None
+        yield Method(f"given normals, k = {k}", lambda a, b, k=k: estimated(a, b, k, "given"), ours)
+        yield Method(f"PCA normals, k = {k}", lambda a, b, k=k: estimated(a, b, k, "pca"), ours)
+    yield Method(f"quadric normals, k = {K}", lambda a, b: estimated(a, b, K, "quadric"))
+    yield Method(f"quadric (jet) fit, k = {K}", lambda a, b: fitted(a, b, K))
+    yield Method("zero", lambda a, b: zero(a))
     if installed("pymeshlab"):
         for one in MESHLAB:
-            yield f"MeshLab {one}", PAPER_NAMES[one], lambda a, b, one=one: by_meshlab(column, a, b, one)
+            run = lambda a, b, one=one: by_meshlab(column, a, b, one)  # noqa: E731
+            yield Method(f"MeshLab {one}", run, PAPER_NAMES[one], one == MESHLAB[0])
 
 
-def column_table(name: str, options: Options, by_area: bool = False, share: float = 1.0) -> Table:
+def column_table(name: str, options: Options, by_area: bool = False) -> Table:
     """All methods on one column."""
     column = COLUMNS[name]
+    share = 0.05 if options.quick else 1.0
     where = "by area" if by_area else "in both angles"
     table = Table(
-        f"Column {name}: {column.text}, {round(share * column.n_points)} points uniform {where}",
-        ["method", "K max", "K mean", "K median", "H max", "H mean", "χ", "CPU s", "paper: K max, mean", "H", "χ"],
+        f"Column {name}: {column.text}, {round(share * column.n_points)} points uniform {where}", ["method", *HEADER]
     )
     is_large = column.n_points > FEW
     k_values = (K,) if by_area or is_large or options.quick else (K, 20, 50)
-    for title, printed, method in methods(column, k_values):
-        has_all = not is_large or (printed == "Our" and column.noise_share == 0)
-        found = []
-        for seed in range(options.seeds if has_all else 1):
-            known, points = column.samples(seed, by_area, share)
-            one = method(known, points)
-            errors = (one.gaussian - known.gaussian).abs(), (one.mean - known.mean).abs()
-            found.append((*logs(errors[0]), *logs(errors[1])[:2], one.euler, one.seconds))
-        k_max, k_mean, k_median, h_max, h_mean, euler, seconds = zip(*found, strict=True)
-        paper = TABLE_1[printed].get(name) if printed and not by_area else None
-        told = [f"{p:.3f}, {q:.3f}" for p, q in paper[:2]] + [f"{paper[2]:g}"] if paper else ["–"] * 3
-        cells = (f"{max(k_max):.2f}", spread(k_mean), spread(k_median), f"{max(h_max):.2f}", spread(h_mean))
-        table.add(title, *cells, spread(euler), f"{sorted(seconds)[len(seconds) // 2]:.2f}", *told)
+    for method in methods(column, k_values):
+        is_single = is_large and method.is_slow
+        draws = [column.samples(seed, by_area, share) for seed in range(1 if is_single else options.seeds)]
+        found = [(known, method.run(known, points)) for known, points in draws]
+        title = method.title + ", one draw" * (is_single and options.seeds > 1)
+        table.add(title, *cells(found, None if by_area or method.printed is None else (method.printed, name)))
     return table
 
 
+NOTE = """\
+Errors are log₁₀: the largest over all seeds, mean ± standard deviation of the others. H has the sign of the outward \
+normal. The mesh for MeshLab's filters is the Delaunay mesh of the surface's parameters, its vertices at the points."""
+PARTS = (*COLUMNS, "by-area", "reconstructed")
+
+
 def tables(options: Options) -> list[Table]:
-    """Table I, one table for each column, and columns B and D with points uniform by area."""
-    share = 0.05 if options.quick else 1.0
-    found = [column_table(name, options, share=share) for name in COLUMNS]
-    found += [column_table(name, options, by_area=True, share=share) for name in ("B", "D")]
-    found[0].notes.append(
-        "Errors are log₁₀: the largest over all seeds, mean ± standard deviation of the others. H has the sign of the "
-        "outward normal. The mesh for MeshLab's filters is the Delaunay mesh of the surface's parameters with its "
-        "vertices at the points. Columns E and F: all seeds for the two rows of k = 30 with given and PCA normals, one "
-        "for the others and for F′."
-    )
-    if not installed("pymeshlab"):
-        found[0].notes.append(missing("pymeshlab", "MeshLab's filters"))
-    return found
+    """Table I, one table for each column; columns B and D with points uniform by area; reconstructed meshes."""
+    wanted = PARTS if options.part == "all" else (options.part,)
+    found = [column_table(name, options) for name in COLUMNS if name in wanted]
+    if "by-area" in wanted:
+        found += [column_table(name, options, by_area=True) for name in ("B", "D")]
+    if found:
+        found[0].notes.append(NOTE)
+        found[0].notes += [] if installed("pymeshlab") else [missing("pymeshlab", "MeshLab's filters")]
+    return [*found, *([reconstructed_table(options)] if "reconstructed" in wanted else [])]

@@ -12,13 +12,13 @@ from torch import Tensor
 import topokit as tk
 from benchmarks.paper.baselines import alpha_bars, plateaus, spacing
 from benchmarks.paper.self_optimization import TARGET, curves
-from benchmarks.paper.shapes import Mesh, read, samples
+from benchmarks.paper.shapes import Mesh, generated, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing
 from topokit.core.linalg import tangent_basis
 from topokit.core.local.curvature import at_neighbors, tangent_neighbors
 from topokit.testing import genus_mesh, torus_samples
 
-NAME = "paper-tables.png"
+NAME = "paper-tables.webp"
 
 
 def draw_curvature(axes: Any, name: str, mesh: Mesh, n: int) -> None:
@@ -56,7 +56,7 @@ def draw_convergence(axes: Any, options: Options) -> None:
     axes.set_xlabel("step", fontsize=8)
     axes.set_ylabel("χ", fontsize=8)
     axes.legend(fontsize=6)
-    axes.set_title("self-optimization, genus 3", fontsize=9)
+    axes.set_title("self-optimization of a cloud of genus 3", fontsize=9)
 
 
 def draw_barcode(axes: Any, points: Tensor) -> None:
@@ -67,7 +67,8 @@ def draw_barcode(axes: Any, points: Tensor) -> None:
     axes.invert_yaxis()
     axes.set_yticks([])
     axes.set_xlabel("α", fontsize=8)
-    axes.set_title(f"its 20 longest bars; χ⁽⁰⁾ = {float(tk.from_points(points).euler()):.2f}", fontsize=9)
+    euler = f"{float(tk.from_points(points).euler()):.2f}".replace("-", "−")
+    axes.set_title(f"its 20 longest bars; χ⁽⁰⁾ = {euler}", fontsize=9)
 
 
 def draw_alpha_euler(axes: Any, points: Tensor, euler: int) -> None:
@@ -90,7 +91,7 @@ def draw(options: Options, path: Path) -> None:
     from matplotlib import pyplot
 
     n = 2_000 if options.quick else 10_000
-    meshes = {"genus 3": Mesh(*genus_mesh(3), process=False)}
+    meshes = {"genus 3": generated(genus_mesh(3))}
     if options.data is not None:
         folder = options.data / "meshes"
         meshes = {"Kitten": read(folder / "paper_Kitten.obj"), "Genus6surface": read(folder / "paper_Genus6.obj")}
@@ -100,11 +101,11 @@ def draw(options: Options, path: Path) -> None:
     draw_cell(figure.add_subplot(2, 3, 3))
     draw_convergence(figure.add_subplot(2, 3, 4), options)
     if installed("gudhi"):
-        points = samples(Mesh(*genus_mesh(3), process=False), n, 0)[0]
+        points = samples(generated(genus_mesh(3)), n, 0)[0]
         draw_barcode(figure.add_subplot(2, 3, 5), points)
         draw_alpha_euler(figure.add_subplot(2, 3, 6), points, int(TARGET))
     figure.tight_layout()
-    figure.savefig(path)
+    figure.savefig(path, pil_kwargs={"quality": 85})
 
 
 def tables(options: Options) -> list[Table]:

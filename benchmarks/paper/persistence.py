@@ -10,7 +10,7 @@ from torch import Tensor
 
 import topokit as tk
 from benchmarks.paper.baselines import alpha_bars, longest_plateau, plateaus
-from benchmarks.paper.shapes import Mesh, read, samples
+from benchmarks.paper.shapes import Mesh, generated, read, samples
 from benchmarks.paper.tables import Options, Table, installed, missing, timed
 from topokit.testing import genus_mesh
 
@@ -22,7 +22,7 @@ SHOWN = 6  # longest bars
 def clouds(options: Options) -> Iterator[tuple[str, int, Tensor]]:
     """Name, χ and points; the paper's 7 000."""
     n = 1_000 if options.quick else 7_000
-    shapes: list[tuple[str, int, Mesh]] = [("genus 3, made", -4, Mesh(*genus_mesh(3), process=False))]
+    shapes: list[tuple[str, int, Mesh]] = [("genus 3, made", -4, generated(genus_mesh(3)))]
     if options.data is not None:
         shapes.insert(0, ("Kitten", 0, read(options.data / "meshes" / "paper_Kitten.obj")))
     for name, euler, mesh in shapes:
@@ -58,8 +58,8 @@ def tables(options: Options) -> list[Table]:
         table.add("topokit report()", f"{seconds:.2f}", "–", "–", f"{report.euler} ({report.verdict})")
         if installed("gudhi"):
             (simplices, alpha), seconds = timed(lambda points=points: alpha_bars(points))
-            read = longest_plateau(plateaus(points, alpha))
-            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(alpha[1]), read)
+            held = longest_plateau(plateaus(points, alpha))
+            table.add("gudhi, alpha complex", f"{seconds:.2f}", simplices, longest(alpha[1]), held)
             for limit in EDGES[:1] if options.quick else EDGES:
                 (simplices, bars), seconds = timed(lambda p=points, edge=limit: rips(p, edge))
                 table.add(f"gudhi, Rips, edges ≤ {limit}", f"{seconds:.2f}", simplices, longest(bars), "–")

@@ -5,6 +5,14 @@
 
 from __future__ import annotations
 
+# MeshLab's filters by the names that the paper gives them.
+PAPER_NAMES = {
+    "Principal Component Analysis": "PCA",
+    "Taubin approximation": "Taubin",
+    "Normal Cycles": "Normal",
+    "Quadric Fitting": "Quadric",
+}
+
 # Column: (max, mean) of the error of K, (max, mean) of the error of H, χ.
 Errors = tuple[tuple[float, float], tuple[float, float], float]
 TABLE_1: dict[str, dict[str, Errors]] = {
@@ -141,6 +149,6 @@ TABLE_2: dict[str, tuple[int, tuple[Quadruple, Quadruple, Quadruple]]] = {
 }
 
 
-def ours(row: str, setting: int) -> float:
-    """The paper's own estimate in a setting of Table II."""
-    return TABLE_2[row][1][setting][3]
+def ours(row: str, setting: str) -> float | None:
+    """The paper's own estimate in a setting of Table II; None in one that it does not have."""
+    return TABLE_2[row][1][SETTINGS.index(setting)][3] if setting in SETTINGS else None

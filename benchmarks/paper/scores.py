@@ -1,15 +1,11 @@
-"""Settings of Table II, the paper's estimate of χ, and how its values are scored."""
+"""Settings of Table II, and how its values are scored."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from torch import Tensor
-
-from topokit.core.local.curvature import CurvatureSettings, surface_curvature
-from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.samples import SurfaceSamples
+from benchmarks.paper.printed import SETTINGS
 
 Value = float | int | None
 
@@ -27,11 +23,11 @@ class Setting:
         return points + (f", noise {self.noise / 2:.2%}" if self.noise else "")
 
 
-def estimate(points: Tensor, normals: Tensor | None, k: int, method: str = "pca") -> float:
-    """χ⁽⁰⁾ without the term of a boundary: all shapes here are closed."""
-    settings = CurvatureSettings(k, normal_method=method)  # type: ignore[arg-type]
-    local = surface_curvature(SurfaceSamples(points, normals), settings)
-    return float(euler_characteristic(local.gaussian, local.area))
+ROW_SETTINGS = {
+    **dict(zip(SETTINGS, (Setting(5_000), Setting(10_000), Setting(10_000, 0.025)), strict=True)),
+    "10 k, noise 0.01": Setting(10_000, 0.01),
+}
+"""The paper's settings, and one with less noise."""
 
 
 def is_right(value: Value, euler: int) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.paper.shapes import Mesh, samples
+from benchmarks.paper.shapes import generated, samples
 from benchmarks.paper.tables import Options, Table, timed
 from topokit.core.local.self_optimization import Refinement, self_optimize
 from topokit.core.samples import SurfaceSamples
@@ -16,7 +16,7 @@ TARGET = -4.0  # genus 3
 
 def curves(options: Options) -> dict[str, tuple[Refinement, float]]:
     """Name, result and seconds of each way, on one cloud of genus 3 without normals."""
-    points = samples(Mesh(*genus_mesh(3), process=False), 2_000 if options.quick else 10_000, 0)[0]
+    points = samples(generated(genus_mesh(3)), 2_000 if options.quick else 10_000, 0)[0]
     start = SurfaceSamples(points)
     found = {"Polyak": timed(lambda: self_optimize(start, TARGET))}
     for rate in RATES[:1] if options.quick else RATES:

@@ -63,7 +63,8 @@ ABSENT = ("RindStrips", "OrganicSphere", "Venus", "TeaPot", "FatherStrength", "Q
 ABSENT = (*ABSENT, "Art3dprint2", "Mushroom")
 
 
-def _generated(mesh: tuple[np.ndarray, np.ndarray]) -> Mesh:
+def generated(mesh: tuple[np.ndarray, np.ndarray]) -> Mesh:
+    """A mesh of `topokit.testing` with its vertices as they are."""
     return Mesh(*mesh, process=False)
 
 
@@ -112,12 +113,12 @@ def rows(data: Path | None, thingi10k: Path | None) -> Iterator[Row]:
         if found:
             taken.add(name)
             yield Row(name, "T", euler, lambda path=found[0]: read(path))
-    yield Row("Icosphere", "A′", 2, lambda: _generated(icosphere(4)))
+    yield Row("Icosphere", "A′", 2, lambda: generated(icosphere(4)))
     tubes = (("TriakisTetrahedron", -20, triakis_tetrahedron), ("Icositetrahedron", -44, deltoidal_icositetrahedron))
     for name, euler, frame in tubes:
         if name not in taken:
-            yield Row(name, "C", euler, lambda frame=frame: _generated(edge_tubes(frame())), "tubes along its edges")
-    yield Row("Knot", "C", 0, lambda: _generated(torus_knot()), "a trefoil")
+            yield Row(name, "C", euler, lambda frame=frame: generated(edge_tubes(frame())), "tubes along its edges")
+    yield Row("Knot", "C", 0, lambda: generated(torus_knot()), "a trefoil")
     if data is None:
         absent = ("Kitten", "Genus6surface", "HolesSculpture", "Bunny", *NETWORKS)
     else:
@@ -148,11 +149,15 @@ def clean_meshes(data: Path) -> list[tuple[str, int, Path]]:
     return [(row["name"], row["chi"], data / row["path"]) for row in clean]
 
 
-def samples(mesh: Mesh, n_points: int, seed: int, noise: float = 0.0) -> tuple[Tensor, Tensor]:
-    """Random points by area in [−1, 1]³ with noise, and the faces' normals."""
+def samples(
+    mesh: Mesh, n_points: int, seed: int, noise: float = 0.0, with_vertices: bool = False
+) -> tuple[Tensor, Tensor]:
+    """Random points by area in [−1, 1]³ with noise and their normals; if wanted, all vertices with theirs, too."""
     points, face = trimesh.sample.sample_surface(mesh, n_points, seed=seed)
-    points = np.asarray(points, dtype=np.float64)
+    points, normals = np.asarray(points, dtype=np.float64), mesh.face_normals[face]
+    if with_vertices:
+        points, normals = np.concatenate((points, mesh.vertices)), np.concatenate((normals, mesh.vertex_normals))
     low, high = mesh.bounds
     points = 2 * (points - (low + high) / 2) / (high - low).max()
     points = points + noise * np.random.default_rng(seed).normal(size=points.shape)
-    return torch.from_numpy(points), torch.from_numpy(mesh.face_normals[face].copy())
+    return torch.from_numpy(points), torch.from_numpy(normals.copy())

@@ -13,6 +13,7 @@ from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, 
 
 Maker = Callable[[int, torch.Generator], AnalyticSamples]
 AXES = (1.0, math.sqrt(2.0), 2.0)
+FEW = 20_000  # points beyond which only k = 30 is tried, and what takes minutes has one draw
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,10 @@ class Options:
         thingi10k: folder with meshes of Thingi10K named by their number, or None.
         pictures: folder that figures are written to.
         every: takes every n-th of the clean meshes of the data.
-        part: of `topology` "rows", "clean" or "noisy" for the meshes of the data; of `study` "peers", "normals" or
-            "density"; of `time` "one-thread" or "many-neighbors"; or "all".
+        part: one of the `PARTS` of the subcommand's module, or "all".
         rows: names of rows of Table II, in the order wanted; empty means all.
+        settings: numbers of points and noise of these rows; empty means all.
+        methods: groups of methods for the clean meshes; empty means all.
     """
 
     seeds: int
@@ -38,6 +39,8 @@ class Options:
     every: int = 1
     part: str = "all"
     rows: tuple[str, ...] = ()
+    settings: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
 
 
 @dataclass

@@ -67,9 +67,10 @@ def sizes_table(options: Options) -> Table:
         devices.append((torch.cuda.get_device_name(), 1, "cuda"))
     else:
         table.notes.append("There is no CUDA device here: its rows are left out.")
-    for n in SIZES[:1] if options.quick else SIZES:
+    sizes = [n for n in SIZES if options.part in ("all", str(n))]
+    for n in sizes[:1] if options.quick else sizes:
         printed = f"10^{PRINTED[n]} s" if n in PRINTED else "–"
-        for name, threads, device in devices[:1] if options.part == "one-thread" else devices:
+        for name, threads, device in devices:
             for area in ("exact", "monte-carlo") if n <= 10_000 else ("exact",):
                 cells = [measure(n, K, threads, what, area, device) for what in ("forward", "backward")]
                 table.add(n, printed, name, area, *cells)
@@ -85,10 +86,10 @@ def neighbors_table(options: Options) -> Table:
     return table
 
 
-PARTS = ("one-thread", "many-neighbors")
+PARTS = (*map(str, SIZES), "many-neighbors")
 
 
 def tables(options: Options) -> list[Table]:
     """Seconds and memory by size, and with many neighbors."""
     found = [] if options.part == "many-neighbors" else [sizes_table(options)]
-    return [*found, neighbors_table(options)] if options.part != "one-thread" else found
+    return [*found, neighbors_table(options)] if options.part in ("all", "many-neighbors") else found

@@ -8,24 +8,24 @@ from dataclasses import dataclass
 from statistics import mean, median
 
 import torch
-from torch import Tensor
 
 import topokit as tk
 from benchmarks.paper import shapes
 from benchmarks.paper.clean_meshes import clean_table
+from benchmarks.paper.estimates import estimate
 from benchmarks.paper.printed import SETTINGS, TABLE_2, ours
-from benchmarks.paper.scores import Setting, Value, errors, is_right, near
+from benchmarks.paper.scores import ROW_SETTINGS, Setting, Value, errors, is_right, near
 from benchmarks.paper.tables import Options, Table, installed, missing, seeds_text
-from topokit.core.local.curvature import CurvatureSettings, NormalMethod, surface_curvature
-from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
-from topokit.core.samples import SurfaceSamples
 
 K_VALUES = (16, 20, 30)
-PAPER_SETTINGS = (Setting(5_000), Setting(10_000), Setting(10_000, 0.025))
-REPORTED = PAPER_SETTINGS[1]
-NOISY = Setting(10_000, 0.01)  # 0.5 % of the longest side
-METHODS = (*(f"true normals, k = {k}" for k in K_VALUES), "PCA, k = 20", "quadric, k = 20", "report()")
+REPORTED, NOISY = "10 k", "10 k, noise 0.01"  # 0.5 % of the longest side
+ESTIMATES = {
+    **{f"true normals, k = {k}": ("given", k) for k in K_VALUES},
+    "PCA, k = 20": ("pca", 20),
+    "quadric, k = 20": ("quadric", 20),
+}
+METHODS = (*ESTIMATES, "report()")
 
 
 @dataclass(frozen=True)
@@ -36,54 +36,57 @@ class Answers:
     verdicts: list[str]
 
 
-def answers(mesh: shapes.Mesh, setting: Setting, options: Options) -> Answers:
-    """The paper's estimate on each draw; in one setting the report, too, unless the run is quick."""
+Measured = dict[str, list[tuple[str, int, Answers]]]
+"""For each setting the name of each row, χ of what was measured, and the answers."""
+
+
+def answers(mesh: shapes.Mesh, setting: Setting, seeds: int, has_report: bool, with_vertices: bool) -> Answers:
+    """The paper's estimate, and the report if it is wanted, on each draw."""
     values: dict[str, list[Value]] = {name: [] for name in METHODS}
     verdicts = []
-    for seed in range(options.seeds):
-        points, normals = shapes.samples(mesh, setting.n_points, seed, setting.noise)
+    for seed in range(seeds):
+        points, normals = shapes.samples(mesh, setting.n_points, seed, setting.noise, with_vertices)
         neighbors = nearest_neighbors(points, max(K_VALUES))
-        for name, k in zip(METHODS, K_VALUES, strict=False):
-            values[name].append(_euler(points, normals, neighbors[:, :k]))
-        values["PCA, k = 20"].append(_euler(points, None, neighbors[:, :20]))
-        values["quadric, k = 20"].append(_euler(points, None, neighbors[:, :20], "quadric"))
-        if setting == REPORTED and not options.quick:
+        for name, (kind, k) in ESTIMATES.items():
+            values[name].append(estimate(kind, points, normals, k, neighbors))
+        if has_report:
             report = tk.from_points(points).report()
             values["report()"].append(report.euler)
             verdicts.append(report.verdict)
     return Answers(values, verdicts)
 
 
-def _euler(points: Tensor, normals: Tensor | None, neighbors: Tensor, method: NormalMethod = "pca") -> float:
-    settings = CurvatureSettings(normal_method=method)
-    local = surface_curvature(SurfaceSamples(points, normals), settings, neighbors=neighbors.contiguous())
-    return float(euler_characteristic(local.gaussian, local.area))
-
-
-def row_tables(options: Options, rows: Sequence[shapes.Row]) -> list[Table]:
-    """The paper's rows: what it prints beside what is found here, from samples alone; and both scored alike."""
+def row_table(options: Options, rows: Sequence[shapes.Row], with_vertices: bool = False) -> tuple[Table, Measured]:
+    """The paper's rows: what it prints beside what is found here, from samples alone or with all vertices added."""
+    what = "samples and all vertices" if with_vertices else "samples alone"
     table = Table(
-        f"Rows of Table II: χ from samples alone, median [range] over {seeds_text(options)}",
+        f"Rows of Table II: χ from {what}, median [range] over {seeds_text(options)}",
         ["row", "χ", "measured here", "setting", "paper", *METHODS],
     )
-    measured: list[list[tuple[str, int, Answers]]] = [[] for _ in PAPER_SETTINGS]
+    names = list(ROW_SETTINGS)[:1] if options.quick else options.settings or tuple(ROW_SETTINGS)
+    measured: Measured = {name: [] for name in names}
     for row in rows:
         if row.make is None:
-            printed = ", ".join(f"{ours(row.name, setting):.2f}" for setting in range(3))
+            told = ", ".join(_printed(row.name, name) for name in SETTINGS)
             nothing = ["–"] * len(METHODS)
-            table.add(row.name, TABLE_2[row.name][0], f"D: {shapes.CLASSES['D']}", "all", printed, *nothing)
+            table.add(row.name, TABLE_2[row.name][0], f"D: {shapes.CLASSES['D']}", "all", told, *nothing)
             continue
         mesh = row.make()
         euler = tk.from_mesh(mesh).report().euler  # counted: a network's level set need not be its model's
         assert euler is not None
         told = f"{row.kind}: {row.text or shapes.CLASSES[row.kind]}"
-        for number, setting in enumerate(PAPER_SETTINGS[:1] if options.quick else PAPER_SETTINGS):
-            found = answers(mesh, setting, options)
-            measured[number].append((row.name, euler, found))
-            cells = [_range(found.values[name]) for name in METHODS[:-1]]
-            printed = f"{ours(row.name, number):.2f}"
-            table.add(row.name, euler, told, SETTINGS[number], printed, *cells, _integers(found))
-    return [table, _score(measured)]
+        for name in names:
+            has_report = name == REPORTED and not options.quick and not with_vertices
+            found = answers(mesh, ROW_SETTINGS[name], options.seeds, has_report, with_vertices)
+            measured[name].append((row.name, euler, found))
+            cells = [_range(found.values[method]) for method in ESTIMATES]
+            table.add(row.name, euler, told, name, _printed(row.name, name), *cells, _integers(found))
+    return table, measured
+
+
+def _printed(row: str, setting: str) -> str:
+    value = ours(row, setting)
+    return "–" if value is None else f"{value:.2f}"
 
 
 def _range(values: list[Value]) -> str:
@@ -100,22 +103,22 @@ def _integers(found: Answers) -> str:
     return ", ".join(f"{value} ×{n}" for value, n in counted) + (f"; {likely} likely" if counted else "–")
 
 
-def _score(measured: list[list[tuple[str, int, Answers]]]) -> Table:
+def score_table(measured: Measured) -> Table:
     """Shares of draws that are right, and the paper's printed values of the same rows, which are one draw each."""
-    names = list(dict.fromkeys(name for found in measured for name, _, _ in found))
+    names = list(dict.fromkeys(name for found in measured.values() for name, _, _ in found))
     table = Table(
         f"The measured rows scored, all draws: {', '.join(names)}",
         ["setting", "method", "right by 2·round(χ/2)", "within ½", "mean error", "median error"],
     )
-    for number, found in enumerate(measured):
+    for setting, found in measured.items():
         same = {name: euler for name, euler, _ in found if TABLE_2[name][0] == euler}
-        printed: list[tuple[Value, int]] = [(ours(name, number), euler) for name, euler in same.items()]
-        if printed:
-            table.add(SETTINGS[number], "the paper's numbers, rows of the same χ", *_share(printed))
+        pairs: list[tuple[Value, int]] = [(ours(name, setting), euler) for name, euler in same.items()]
+        if same and setting in SETTINGS:
+            table.add(setting, "the paper's numbers, rows of the same χ", *_share(pairs))
         for method in METHODS:
             pairs = [(value, euler) for _, euler, one in found for value in one.values[method]]
             if pairs:
-                table.add(SETTINGS[number], method, *_share(pairs))
+                table.add(setting, method, *_share(pairs))
     return table
 
 
@@ -139,34 +142,50 @@ def paper_score() -> Table:
     return table
 
 
-PARTS = ("rows", "clean", "noisy")
-
-
-def tables(options: Options) -> list[Table]:
-    """Table II, the paper's numbers scored again, and all clean meshes of the data."""
-    torch.manual_seed(0)  # nothing here draws from it, but MeshLab's and Open3D's bindings may
+def tables_of_rows(options: Options, wanted: Sequence[str]) -> list[Table]:
+    """Table II, from samples alone and with all vertices of the paper's own files; both and the paper's scored."""
     rows = list(shapes.rows(options.data, options.thingi10k))
     if options.rows:
         rows = sorted((row for row in rows if row.name in options.rows), key=lambda row: options.rows.index(row.name))
     if options.quick:  # meshes of networks take half a minute each
         rows = [row for row in rows if row.kind != "B" and row.name != "Bunny"]
-    found = [] if options.part in ("clean", "noisy") else [*row_tables(options, rows), paper_score()]
-    if options.part == "rows":
-        return found
+    found = []
+    if "rows" in wanted:
+        table, measured = row_table(options, rows)
+        found += [table, score_table(measured), paper_score()]
+    if "vertices" in wanted:
+        own = [row for row in rows if row.kind in ("A", "A′", "T")]
+        table, measured = row_table(options, own, with_vertices=True)
+        found += [table, score_table(measured)]
+    return found
+
+
+def tables_of_clean_meshes(options: Options, wanted: Sequence[str]) -> list[Table]:
+    """All methods on the clean meshes of the data, without and with noise; on shapes made here if there is no data."""
     if options.data is None:
+        rows = [row for row in shapes.rows(None, None) if row.make is not None]
         known = [(row.name, row.euler, row.make()) for row in rows if row.make is not None]
-        found.append(clean_table("Shapes made by topokit.testing", known, PAPER_SETTINGS[0], options.quick))
-        found[-1].notes.append(
-            "Without --data the rows that need its files, and the table of clean meshes, are left out."
-        )
-    else:
-        clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else options.every]
-        meshes = [(name, euler, shapes.read(path)) for name, euler, path in clean]
-        title = f"{len(meshes)} clean meshes"
-        if options.part != "noisy":
-            found.append(clean_table(title, meshes, PAPER_SETTINGS[1], options.quick))
-        if options.part != "clean" and not options.quick:
-            found.append(clean_table(title, meshes, NOISY, options.quick))
+        table = clean_table("Shapes made by topokit.testing", known, ROW_SETTINGS["5 k"], options)
+        table.notes.append("Without --data the rows that need its files, and the table of clean meshes, are left out.")
+        return [table]
+    clean = shapes.clean_meshes(options.data)[:: 8 if options.quick else options.every]
+    meshes = [(name, euler, shapes.read(path)) for name, euler, path in clean]
+    settings = {"clean": ROW_SETTINGS[REPORTED], "noisy": ROW_SETTINGS[NOISY]}
+    title = f"{len(meshes)} clean meshes"
+    names = [name for name in settings if name in wanted and not (name == "noisy" and options.quick)]
+    return [clean_table(title, meshes, settings[name], options) for name in names]
+
+
+PARTS = ("rows", "vertices", "clean", "noisy")
+
+
+def tables(options: Options) -> list[Table]:
+    """Table II, the paper's numbers scored again, and all clean meshes of the data."""
+    torch.manual_seed(0)  # nothing here draws from it, but MeshLab's and Open3D's bindings may
+    wanted = PARTS if options.part == "all" else (options.part,)
+    found = tables_of_rows(options, wanted)
+    if {"clean", "noisy"} & set(wanted):
+        found += tables_of_clean_meshes(options, wanted)
     for package in ("pymeshlab", "open3d", "gudhi"):
         if not installed(package):
             found[-1].notes.append(missing(package, "its methods"))

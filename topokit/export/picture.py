@@ -33,7 +33,8 @@ def picture_of(scene: Scene, side: int, eye: Eye = EYE) -> NDArray[np.uint8]:
         side: pixels.
         eye: direction from the shape to the viewer.
     """
-    body = _points(scene) if scene.faces is None else _surface(scene, scene.faces, _PER_PIXEL * side * side)
+    n_surfels = _PER_PIXEL * side * side
+    body = _points(scene, n_surfels) if scene.faces is None else _surface(scene, scene.faces, n_surfels)
     marks = [_tube(mark, _size(scene)) for mark in scene.marks]
     return render(sum(marks, body), eye, side, _FINE)
 
@@ -62,11 +63,12 @@ def _surface(scene: Scene, faces: Integers, n_surfels: int) -> Surfels:
     return mesh_surfels(scene.positions[faces].reshape(-1, 3), apart, normals, colors, n_surfels)
 
 
-def _points(scene: Scene) -> Surfels:
-    """A disc for every point, wide enough to meet its neighbors."""
+def _points(scene: Scene, n_surfels: int) -> Surfels:
+    """A disc for every point, wide enough to meet its neighbors, of at least 36 surfels."""
+    n_each = max(36, n_surfels // len(scene.positions))
     distances, _ = cKDTree(scene.positions).query(scene.positions, min(6, len(scene.positions)))
     radius = np.minimum(distances[:, -1], 2 * np.median(distances[:, -1]))[:, None, None]
-    return disc_surfels(scene.positions, scene.normals, colors_of(scene) / 255, radius, n_each=36)
+    return disc_surfels(scene.positions, scene.normals, colors_of(scene) / 255, radius, n_each)
 
 
 def _tube(mark: Mark, size: float) -> Surfels:

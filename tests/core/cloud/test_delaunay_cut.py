@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud.cut_counts import count_parts, solid_eulers
-from topokit.core.cloud.delaunay_cut import cut_complex, delaunay_complex, surface_normals
+from topokit.core.cloud.delaunay_cut import FACETS, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.neighborhoods import local_geometry
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.errors import InputError
@@ -123,3 +123,35 @@ def test_a_single_tetrahedron() -> None:
 def test_flat_input_is_refused(points: Floats) -> None:
     with pytest.raises(InputError, match="span no volume"):
         delaunay_complex(points, 1.0)
+
+
+def test_facets_and_spheres_are_those_of_each_tetrahedron() -> None:
+    complex_ = delaunay_complex(np.random.default_rng(0).normal(size=(60, 3)), 0.7)
+    for number, (corners, center) in enumerate(
+        zip(complex_.points[complex_.tetrahedra], complex_.centers, strict=True)
+    ):
+        radius = np.linalg.norm(center - corners[0])
+        assert np.allclose(np.linalg.norm(center - corners, axis=1), radius)
+        for k, facet in enumerate(FACETS):
+            a, b, c = corners[facet]
+            normal = np.cross(b - a, c - a)
+            normal *= -np.sign(normal @ (corners[k] - a)) / np.linalg.norm(normal)
+            assert np.allclose(complex_.facet_normal[number, k], normal)
+            squared = complex_.spacing[complex_.tetrahedra[number, facet]] ** 2
+            area = np.linalg.norm(np.cross(b - a, c - a)) / 2 / squared.mean()
+            assert complex_.facet_area[number, k] == pytest.approx(area)
+            other = complex_.neighbors[number, k]
+            cosines = [(a - center) @ normal / radius]
+            if other >= 0:
+                shared = set(complex_.tetrahedra[other]) & set(complex_.tetrahedra[number])
+                assert shared == set(complex_.tetrahedra[number, facet])
+                way = a - complex_.centers[other]
+                cosines.append(-way @ normal / np.linalg.norm(way))
+            assert complex_.sphere_cost[number, k] == pytest.approx((1 - min(cosines)) / 2)
+
+
+def test_tetrahedra_near_each_other_have_near_numbers() -> None:
+    complex_ = delaunay_complex(np.random.default_rng(0).random((3000, 3)), 0.07)
+    here = np.arange(len(complex_.tetrahedra))[:, None]
+    steps = np.abs(complex_.neighbors - here)[complex_.neighbors >= 0]
+    assert np.quantile(steps, 0.75) < 0.01 * len(here)  # in the order of Qhull 0.11

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.axes import plane_axes, surface_axes
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.testing import sphere_samples, torus_samples
 
@@ -67,3 +67,21 @@ def test_axes_areas_and_noise_of_a_sphere() -> None:
     gaps = np.linalg.norm(points[surface.neighbors] - points[:, None], axis=2)
     assert (np.diff(gaps, axis=1) >= 0).all()
     assert (gaps > 0).all()
+
+
+def test_axes_in_closed_form_are_those_of_decompositions() -> None:
+    draws = np.random.default_rng(0)
+    thin = draws.normal(size=(200, 11, 3)) * np.array([1.0, 0.5, 1e-3])
+    ball, line = draws.normal(size=(200, 11, 3)), draws.normal(size=(20, 11, 1)) * np.array([1.0, 2.0, 3.0])
+    for patches in (thin, 1e-9 * thin, 1e9 * thin, ball):
+        axes, thickness = plane_axes(patches + patches[:1])
+        centered = patches + patches[:1] - (patches + patches[:1]).mean(1, keepdims=True)
+        values, vectors = np.linalg.eigh(np.einsum("nka,nkb->nab", centered, centered))
+        assert np.allclose(np.abs((axes * vectors[:, :, 0]).sum(1)), 1)
+        assert np.allclose(thickness, np.sqrt(values[:, 0] / 11))
+    axes, thickness = plane_axes(line)
+    assert np.allclose(axes @ np.array([1.0, 2.0, 3.0]), 0)
+    assert np.allclose(thickness, 0)
+    axes, thickness = plane_axes(np.ones((3, 11, 3)))
+    assert np.allclose(np.linalg.norm(axes, axis=1), 1)
+    assert (thickness == 0).all()

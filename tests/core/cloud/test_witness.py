@@ -12,6 +12,7 @@ from torch import Tensor
 from tubes import torus_knot, tube
 
 from topokit.core.cloud import dense, looks
+from topokit.core.cloud import witness as witness_module
 from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
@@ -178,6 +179,19 @@ def test_large_clouds_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
         expected = f"Normals come from all 8000 points, the integer from {found.n_used}"
         assert preparation_sentences(found)[0].startswith(expected)
         assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
+
+
+def test_the_order_of_a_large_cloud_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    look_at_samples(monkeypatch, 5000, 3000)
+    monkeypatch.setattr(witness_module, "MOST_POINTS", 5000)
+    points, _ = torus(8000)
+    order = torch.randperm(8000, generator=torch.Generator().manual_seed(1))
+    first, second = global_witness(points), global_witness(points[order])
+    assert first.votes == second.votes
+    assert np.allclose(first.normals[order.numpy()], second.normals)
+    assert first.surface is not None
+    assert second.surface is not None
+    assert np.array_equal(first.surface.points, order.numpy()[second.surface.points])
 
 
 def test_large_clouds_with_nested_walls_thinning_and_duplicates(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,6 +29,6 @@ def check_finite(name: str, value: object) -> None:
 
 def check_tau(tau: object) -> None:
     """Raise InputError unless τ is None or a positive finite number."""
-    is_number = isinstance(tau, int | float) and not isinstance(tau, bool)
+    is_number = isinstance(tau, (int, float)) and not isinstance(tau, bool)
     if tau is not None and not (is_number and SMALLEST_TAU <= tau < math.inf):  # type: ignore[operator]
         raise InputError(f"tau must be a positive number, not {tau!r}.")

@@ -32,7 +32,8 @@ def distances(triangles: Floats, points: Floats) -> Floats:
     shape = (len(points), len(triangles), 3)
     pairs = np.broadcast_to(points[:, None], shape).reshape(-1, 3)
     closest = trimesh.triangles.closest_point(np.tile(triangles, (len(points), 1, 1)), pairs)
-    return np.linalg.norm(closest - pairs, axis=1).reshape(shape[:2]).min(axis=1)
+    found = np.linalg.norm(closest - pairs, axis=1).reshape(shape[:2])
+    return np.asarray(np.fmin.reduce(found, axis=1))  # old trimesh finds NaN for triangles without area
 
 
 def test_inside_outside_and_turned_over() -> None:

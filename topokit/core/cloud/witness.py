@@ -21,7 +21,8 @@ from topokit.core.cloud.cut_surface import cut_surface
 from topokit.core.cloud.dense import MOST_POINTS, thinned
 from topokit.core.cloud.downsampling import distinct
 from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
-from topokit.core.cloud.looks import Cloud, Look, look_at
+from topokit.core.cloud.look import Cloud, Look
+from topokit.core.cloud.looks import look_at
 from topokit.core.cloud.neighborhoods import (
     FEWEST_POINTS,
     centered_positions,

@@ -31,7 +31,8 @@ def test_nobody_listens_by_default() -> None:
 
 @pytest.mark.parametrize("most", [30_000, 2_000])
 def test_a_report_of_a_cloud_tells_its_stages_in_order(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    monkeypatch.setattr("topokit.core.cloud.looks.MOST_POINTS", most)
+    for module in ("looks", "stage_seconds"):
+        monkeypatch.setattr(f"topokit.core.cloud.{module}.MOST_POINTS", most)
     heard: Heard = []
     with listening(lambda stage, share: heard.append((stage, share))):
         report = tk.from_points(torus_samples(4000).points).report()

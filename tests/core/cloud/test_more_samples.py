@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud import dense, looks, more_samples
+from topokit.core.cloud import dense, look_at_samples, looks, more_samples
 from topokit.core.cloud.axes import surface_axes
 from topokit.core.cloud.dense import DenseCloud, dense_cloud
 from topokit.core.cloud.neighborhoods import local_geometry, local_spacings
@@ -22,6 +22,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Budgets a tenth as large as they are."""
     for module in (looks, dense):
         monkeypatch.setattr(module, "MOST_POINTS", 3_000)
+    for module in (look_at_samples, dense):
         monkeypatch.setattr(module, "SAMPLES", 2_000)
     monkeypatch.setattr(more_samples, "MORE_SAMPLES", 4_000)
 

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from tubes import torus_knot, tube
 
-from topokit.core.cloud import dense, looks
+from topokit.core.cloud import dense, look_at_samples, looks
 from topokit.core.cloud import witness as witness_module
 from topokit.core.cloud.votes import CUT_SETTINGS, FIELD_SETTINGS, SMOOTH_SETTINGS, SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness, global_witness
@@ -159,16 +159,16 @@ def test_the_answer_is_deterministic() -> None:
     np.testing.assert_array_equal(first.normals, second.normals)
 
 
-def look_at_samples(monkeypatch: pytest.MonkeyPatch, most: int, samples: int) -> None:
+def treat_as_large(monkeypatch: pytest.MonkeyPatch, most: int, samples: int) -> None:
     """Treat clouds of more than `most` points as large."""
     monkeypatch.setattr(looks, "MOST_POINTS", most)
     monkeypatch.setattr(dense, "MOST_POINTS", most)
-    for module in (looks, dense):
+    for module in (look_at_samples, dense):
         monkeypatch.setattr(module, "SAMPLES", samples)
 
 
 def test_large_clouds_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
-    look_at_samples(monkeypatch, 5000, 3000)
+    treat_as_large(monkeypatch, 5000, 3000)
     points, normals = torus(8000)
     for given, source in ((normals, "given"), (None, "none"), (-normals, "reversed")):
         found = global_witness(points, given)
@@ -182,7 +182,7 @@ def test_large_clouds_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_order_of_a_large_cloud_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
-    look_at_samples(monkeypatch, 5000, 3000)
+    treat_as_large(monkeypatch, 5000, 3000)
     monkeypatch.setattr(witness_module, "MOST_POINTS", 5000)
     points, _ = torus(8000)
     order = torch.randperm(8000, generator=torch.Generator().manual_seed(1))
@@ -195,7 +195,7 @@ def test_the_order_of_a_large_cloud_does_not_matter(monkeypatch: pytest.MonkeyPa
 
 
 def test_large_clouds_with_nested_walls_thinning_and_duplicates(monkeypatch: pytest.MonkeyPatch) -> None:
-    look_at_samples(monkeypatch, 2500, 2000)
+    treat_as_large(monkeypatch, 2500, 2000)
     monkeypatch.setattr(dense, "MOST_DENSE", 4000)
     points, normals = shell()
     doubled, both = points.repeat(2, 1), normals.repeat(2, 1)
@@ -209,7 +209,7 @@ def test_large_clouds_with_nested_walls_thinning_and_duplicates(monkeypatch: pyt
 def test_a_small_bubble_in_a_solid_is_a_cavity(monkeypatch: pytest.MonkeyPatch, is_large: bool) -> None:
     """Its normals, carried along its own surface, point out of the bubble and not into it."""
     if is_large:
-        look_at_samples(monkeypatch, 5000, 3000)
+        treat_as_large(monkeypatch, 5000, 3000)
     bubble = 0.12 * sphere_samples(120).points + torch.tensor([0.3, 0, 0])
     found = global_witness(torch.cat((sphere_samples(8000).points, bubble)))
     assert (found.euler, found.components, found.cavities) == (4, 1, 1)
@@ -218,7 +218,7 @@ def test_a_small_bubble_in_a_solid_is_a_cavity(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_contradictory_normals_of_a_large_cloud_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    look_at_samples(monkeypatch, 5000, 3000)
+    treat_as_large(monkeypatch, 5000, 3000)
     points, normals = torus(8000)
     flipped = torch.where(points[:, :1] > 0.5, -normals, normals)
     found = global_witness(points, flipped)
@@ -227,7 +227,7 @@ def test_contradictory_normals_of_a_large_cloud_are_found_anew(monkeypatch: pyte
 
 
 def test_noise_larger_than_the_spacing_is_averaged(monkeypatch: pytest.MonkeyPatch, generator: torch.Generator) -> None:
-    look_at_samples(monkeypatch, 3000, 2000)
+    treat_as_large(monkeypatch, 3000, 2000)
     points, normals = torus(40_000)
     noisy = points + 0.03 * torch.randn(points.shape, generator=generator)  # twice the spacing
     found = global_witness(noisy)
@@ -240,7 +240,7 @@ def test_noise_larger_than_the_spacing_is_averaged(monkeypatch: pytest.MonkeyPat
 def test_noise_wider_than_many_neighborhoods_leaves_few_samples_and_is_unsure(
     monkeypatch: pytest.MonkeyPatch, generator: torch.Generator
 ) -> None:
-    look_at_samples(monkeypatch, 3000, 2000)
+    treat_as_large(monkeypatch, 3000, 2000)
     points, normals = sphere(40_000)
     found = global_witness(points * (1 + 0.1 * torch.randn(len(points), 1, generator=generator)))
     assert (found.euler, found.preparation) == (2, "thinned")

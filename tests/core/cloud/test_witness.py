@@ -324,7 +324,7 @@ def a_witness(*, votes: dict[str, int] | None = None, components: int = 1, **qua
         ({"votes": {"field": 0}}, "fields"),
         ({"votes": {"cut": 0}}, "cuts"),
         ({"votes": {"smooth cut": 4}}, "smoothing"),
-        ({"crowded_wide": 0.3}, "crowded_wide"),
+        ({"crowded_wide": 0.5, "coverage": 0.9}, "crowded_wide"),
         ({"coverage": 0.5}, "coverage"),
     ],
 )

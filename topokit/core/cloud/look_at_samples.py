@@ -16,7 +16,7 @@ from topokit.core.cloud.look_at_all import SOURCES, widened_look
 from topokit.core.cloud.more_samples import MoreSamples, more_samples
 from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry, typical_and_finest
 from topokit.core.cloud.orientation import Orientation, compare_normals, orient_by_patches
-from topokit.core.cloud.votes import cut_votes, fewer_samples, gather_dense_votes, tally
+from topokit.core.cloud.votes import coarse_samples, cut_votes, gather_dense_votes, tally
 from topokit.core.stages import begin
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ def look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
     kept = samples.kept
     points, axes = dense.points[kept], dense.propagation.normals[kept]
     with ThreadPoolExecutor(1) as thread:
-        few = thread.submit(fewer_samples, dense, len(kept) // 2)  # needs no signs, and Qhull no interpreter
+        few = thread.submit(coarse_samples, dense, len(kept) // 2)  # needs no signs, and Qhull no interpreter
         local = local_geometry(points, samples.areas, axes)
         begin("orientation")
         found = orient_by_patches(points, axes, dense.propagation.patches[kept], dense.propagation.parts[kept], local)

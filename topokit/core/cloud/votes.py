@@ -109,7 +109,7 @@ class SampleQuality:
 
 
 @dataclass(frozen=True, eq=False)
-class FewerSamples:
+class CoarseSamples:
     """Fewer samples of a large cloud than are looked at, which should show the same.
 
     Attributes:
@@ -121,11 +121,11 @@ class FewerSamples:
     complex_: DelaunayComplex
 
 
-def fewer_samples(cloud: DenseCloud, budget: int) -> FewerSamples:
+def coarse_samples(cloud: DenseCloud, budget: int) -> CoarseSamples:
     """At most so many samples where features are small."""
     kept = cloud.samples(budget).kept
     points = cloud.points[kept]
-    return FewerSamples(kept, delaunay_complex(points, local_spacings(points)))
+    return CoarseSamples(kept, delaunay_complex(points, local_spacings(points)))
 
 
 def gather_votes(
@@ -168,7 +168,7 @@ def gather_dense_votes(
     samples: Samples,
     local: LocalGeometry,
     complex_: DelaunayComplex,
-    few: FewerSamples,
+    few: CoarseSamples,
     made: Sequence[Cut] = (),
 ) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
     """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.

@@ -58,6 +58,8 @@ def read_mesh(path: Path) -> Mesh:
         vertices, faces = _through_trimesh(path, kind)
     if len(faces) == 0:
         raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use topokit.from_points.")
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise ReadError(f"{path} has vertices of shape {vertices.shape}; three coordinates of each are expected.")
     return vertices, faces
 
 

@@ -4,7 +4,7 @@
     python benchmarks/confidence.py fit answers.jsonl [--diagram docs/pictures/reliability.png]
 
 DATA holds index.json and the closed meshes that it names with their Euler characteristic. A draw is a shape (one of
-these, or more often a random solid of `random_solids.py`), a number of points from 3 000 to 200 000, noise from 0 to
+these, or more often a random solid of `random_solids.py`), a number of points from 50 to 200 000, noise from 0 to
 1 % of the longest side, with or without normals. `collect` continues a file that it finds. `fit` leaves whole shapes
 out: every probability that it shows comes from a model that has not seen the shape.
 """
@@ -30,8 +30,8 @@ from topokit.report.confidence import EVIDENCE, cloud_evidence
 
 Floats = NDArray[np.float64]
 
-SIZES = (3_000, 10_000, 30_000, 100_000, 200_000)
-SIZE_SHARES = (0.4, 0.5, 0.04, 0.03, 0.03)  # the large ones cost most
+SIZES = (50, 150, 500, 1_500, 3_000, 10_000, 30_000, 100_000, 200_000)
+SIZE_SHARES = (0.1, 0.1, 0.1, 0.15, 0.2, 0.25, 0.04, 0.03, 0.03)  # the large ones cost most
 NOISES = (0.0, 0.0025, 0.005, 0.01)
 NOISE_SHARES = (0.55, 0.15, 0.2, 0.1)
 ORIENTED_SHARE = 1 / 3  # of the draws without noise

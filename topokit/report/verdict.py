@@ -34,8 +34,9 @@ class Threshold:
 
 
 _CALIBRATED = (
-    "of 506 answers to draws from real and random shapes, each judged by a model that has not seen its shape, 421 "
-    "reach it and none of these is wrong; from 0.71 on 2 % are (benchmarks/confidence.py)"
+    "of 868 answers to draws from real and random shapes, each judged by a model that has not seen its shape, 550 "
+    "reach it with both families of votes; 5 of these are wrong, all of 150 to 1 500 points; from 0.84 on 2 % are "
+    "(benchmarks/confidence.py)"
 )
 _ONE_DRAW = (
     "set so that at least 95 % of the likely answers are right on one draw (seed 0) of 10 000 points from each of 47 "
@@ -50,7 +51,7 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "confidence": Threshold(
-            0.9, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
+            0.89, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
         ),
         "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
         "fields": Threshold(
@@ -182,7 +183,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         _at_least("agreement", witness.agreement),
         _at_most("crowded", quality.crowded),
         _at_most("crowded_wide", quality.crowded_wide),
-        _at_least("coverage", quality.coverage),
+        replace(_at_least("coverage", quality.coverage), decides=True),  # the calibration has no likely one below 0.74
         _at_most("disagreement", quality.disagreement),
         replace(_at_most("rim", boundary.rim_share), decides=True),  # the calibration has no points along lines
     ]

@@ -68,12 +68,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--points", type=int, nargs="+", default=[5_000, 10_000])
     options = parser.parse_args()
     meshes = {name: level_set(*recipe) for name, recipe in FIELDS.items()}
     meshes |= {f"genus {genus}": genus_mesh(genus) for genus in range(2, 7)}
     print("| points | noise | right | likely | wrong likely | median s | wrong |")
     print("|---" * 7 + "|")
-    for n_points in (5_000, 10_000):
+    for n_points in options.points:
         for noise in NOISE:
             right, likely, wrong_likely, seconds, wrong = 0, 0, 0, [], []
             for name, (vertices, faces) in meshes.items():

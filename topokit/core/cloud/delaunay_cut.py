@@ -23,6 +23,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
+from topokit.core.cloud.columns import circumcenters, dot_columns, edges_of, facing_crosses
 from topokit.core.cloud.cubes import curve_order
 from topokit.core.cloud.neighborhoods import is_flat
 from topokit.errors import InputError
@@ -181,33 +182,25 @@ def _facets_and_spheres(points: Floats, tetrahedra: Integers) -> tuple[Floats, F
     Of slivers the centroid is taken for the center.
     """
     columns = np.ascontiguousarray(points.T)
-    start = columns.take(tetrahedra[:, 0], axis=1)
-    a, b, c = (columns.take(tetrahedra[:, k], axis=1) - start for k in (1, 2, 3))
-    bc, ca, ab = cross_columns(b, c), cross_columns(c, a), cross_columns(a, b)
-    determinant = np.einsum("at,at->t", a, bc)
+    edges = a, b, c = edges_of(columns, tetrahedra)
+    crosses = bc, ca, ab = facing_crosses(edges)
+    numerator, determinant = circumcenters(edges, crosses)
     side = np.sign(determinant)
     normal = np.stack((side * (bc + ca + ab), -side * bc, -side * ca, -side * ab))  # (4, 3, T)
     length = np.sqrt(np.einsum("fat,fat->ft", normal, normal))
     normal /= np.maximum(length, 1e-300)[:, None]
-    squares = [np.einsum("at,at->t", edge, edge) for edge in (a, b, c)]
-    is_solid = np.abs(determinant) > 5e-13
-    offset = (squares[0] * bc + squares[1] * ca + squares[2] * ab) / np.where(is_solid, 2 * determinant, 1.0)
+    is_solid = np.abs(determinant) > 1e-12
+    offset = numerator / np.where(is_solid, determinant, 1.0)
     offset = np.where(is_solid, offset, (a + b + c) / 4)
-    radius = np.maximum(np.sqrt(np.einsum("at,at->t", offset, offset)), 1e-12)
+    radius = np.maximum(np.sqrt(dot_columns(offset, offset)), 1e-12)
     height = -np.einsum("at,fat->ft", offset, normal)  # of the facets over the center
-    height[0] += np.einsum("at,at->t", a, normal[0])  # the only facet without the first corner
+    height[0] += dot_columns(a, normal[0])  # the only facet without the first corner
     return (
         np.ascontiguousarray(normal.transpose(2, 0, 1)),
         np.ascontiguousarray(length.T),
-        np.ascontiguousarray((start + offset).T),
+        np.ascontiguousarray((columns.take(tetrahedra[:, 0], axis=1) + offset).T),
         np.ascontiguousarray((height / radius).T),
     )
-
-
-def cross_columns(first: Floats, second: Floats) -> Floats:
-    """Cross products of columns (3, T); NumPy's are several times slower."""
-    (x, y, z), (u, v, w) = first, second
-    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u))
 
 
 def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights | None = None) -> Cut:

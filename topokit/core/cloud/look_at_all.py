@@ -16,7 +16,7 @@ from topokit.core.cloud.orientation import INTERPOLATING, Orientation, check_nor
 from topokit.core.cloud.votes import gather_votes, tally
 from topokit.core.cloud.widening import Widening, widened
 from topokit.core.cloud.wires import WireReading
-from topokit.core.stages import begin
+from topokit.core.stages import begin, stages
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,8 @@ def _with_less_noise(look: Look, local: LocalGeometry, axes: Floats | None) -> L
 
     The votes of both count. The surface is that of the samples whose votes alone give the integer.
     """
-    again, _, _ = _look_once(Cloud(flatten(look.points, look.normals, local), axes, None, oriented=False), None)
+    with stages({}):  # nobody is told again of the same stages
+        again, _, _ = _look_once(Cloud(flatten(look.points, look.normals, local), axes, None, oriented=False), None)
     votes = look.votes + again.votes
     shown = look if tally(look.votes)[0] == tally(votes)[0] else again
     return replace(look, votes=votes, cut=shown.cut, complex_=shown.complex_, normals=shown.normals, is_repeated=True)

@@ -16,7 +16,7 @@ from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, d
 from topokit.core.cloud.dense import MORE_SAMPLES, DenseCloud
 from topokit.core.cloud.neighborhoods import local_spacings
 from topokit.core.cloud.poles import normals_by_poles
-from topokit.core.cloud.votes import CUT_SETTINGS, WEIGHTS, Vote, surface_eulers
+from topokit.core.cloud.votes import WEIGHTS, Vote, cut_votes, surface_eulers
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -63,16 +63,10 @@ def more_samples(cloud: DenseCloud, normals: Floats, *, are_found: bool) -> More
     spacings = local_spacings(points)
     complex_ = delaunay_complex(points, spacings)
     first = cut_complex(complex_, outward)
-    votes = [_vote(complex_, 0, first)]
     if are_found:
         _, corrected = normals_by_poles(complex_, outward, first, rounds=1)
-        if surface_eulers(complex_, corrected) != votes[0].eulers:
+        if surface_eulers(complex_, corrected) != surface_eulers(complex_, first):
             return None
-    for setting in range(1, len(CUT_SETTINGS)):
-        votes.append(_vote(complex_, setting, cut_complex(complex_, outward, CUT_SETTINGS[setting])))
+    votes, _ = cut_votes(complex_, outward, (first,))
     is_one = len({euler for vote in votes for euler in vote.eulers}) == 1
     return MoreSamples(kept, spacings, complex_, first, tuple(votes)) if is_one else None
-
-
-def _vote(complex_: DelaunayComplex, setting: int, cut: Cut) -> Vote:
-    return Vote("cut", setting, surface_eulers(complex_, cut), len(complex_.points))

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
 from topokit.core.cloud.cells import in_order
-from topokit.core.cloud.delaunay_cut import FACETS, cross_columns
+from topokit.core.cloud.columns import circumcenters, cross_columns, dot_columns, edges_of, facing_crosses
+from topokit.core.cloud.delaunay_cut import FACETS
 from topokit.core.labels import connected_labels, count_distinct
 
 Floats = NDArray[np.float64]
@@ -81,13 +82,10 @@ def alpha_complex(points: Floats) -> AlphaComplex:
 
 def _tetrahedron_values(columns: Floats, tetrahedra: Integers) -> Floats:
     """Squared circumradii (T,) of tetrahedra (T, 4) of points (3, N); infinite for flat ones."""
-    start = columns.take(tetrahedra[:, 0], axis=1)
-    a, b, c = (columns.take(tetrahedra[:, k], axis=1) - start for k in (1, 2, 3))
-    bc, ca, ab = cross_columns(b, c), cross_columns(c, a), cross_columns(a, b)
-    determinant = 2 * _dots(a, bc)
-    numerator = _dots(a, a) * bc + _dots(b, b) * ca + _dots(c, c) * ab
+    edges = edges_of(columns, tetrahedra)
+    numerator, determinant = circumcenters(edges, facing_crosses(edges))
     is_solid = determinant != 0
-    squared = _dots(numerator, numerator) / np.where(is_solid, determinant, 1.0) ** 2
+    squared = dot_columns(numerator, numerator) / np.where(is_solid, determinant, 1.0) ** 2
     return np.where(is_solid, squared, np.inf)
 
 
@@ -110,8 +108,8 @@ def _facet_values(
     opposite = (across == first[:, None]).argmax(1)
     apex = columns.take(tetrahedra[first, corner], axis=1) - center
     other = columns.take(np.append(tetrahedra, tetrahedra[:1], axis=0)[second, opposite], axis=1) - center
-    is_full = _dots(apex, apex) < radius
-    is_full |= (_dots(other, other) < radius) & (second < count)
+    is_full = dot_columns(apex, apex) < radius
+    is_full |= (dot_columns(other, other) < radius) & (second < count)
     return facets, np.where(is_full, bound, np.minimum(radius, bound)), np.stack((first, second), 1)
 
 
@@ -119,15 +117,10 @@ def _circumcircles(first: Floats, second: Floats, third: Floats) -> tuple[Floats
     """Centers (3, F) and squared radii (F,) of the circumscribed circles of triangles with corners (3, F)."""
     u, v = second - first, third - first
     w = cross_columns(u, v)
-    size = 2 * _dots(w, w)
-    way = _dots(u, u) * cross_columns(v, w) + _dots(v, v) * cross_columns(w, u)
+    size = 2 * dot_columns(w, w)
+    way = dot_columns(u, u) * cross_columns(v, w) + dot_columns(v, v) * cross_columns(w, u)
     way /= np.where(size > 0, size, 1.0)
-    return first + way, np.where(size > 0, _dots(way, way), np.inf)
-
-
-def _dots(first: Floats, second: Floats) -> Floats:
-    """Scalar products of columns (3, n), as (n,)."""
-    return np.asarray(np.einsum("an,an->n", first, second))
+    return first + way, np.where(size > 0, dot_columns(way, way), np.inf)
 
 
 def _edge_values(columns: Floats, facets: Integers, facet_values: Floats) -> tuple[Integers, Floats]:
@@ -140,9 +133,9 @@ def _edge_values(columns: Floats, facets: Integers, facet_values: Floats) -> tup
     first = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
     start, end = np.divmod(keys, count)
     middle = columns.take(opposite, axis=1)
-    is_inside = _dots(columns.take(start, axis=1) - middle, columns.take(end, axis=1) - middle) < 0
+    is_inside = dot_columns(columns.take(start, axis=1) - middle, columns.take(end, axis=1) - middle) < 0
     is_full = np.logical_or.reduceat(is_inside, first)
     bound = np.minimum.reduceat(values, first)
     way = columns.take(start[first], axis=1) - columns.take(end[first], axis=1)
     edges = np.stack((start[first], end[first]), 1)
-    return edges, np.where(is_full, bound, np.minimum(_dots(way, way) / 4, bound))
+    return edges, np.where(is_full, bound, np.minimum(dot_columns(way, way) / 4, bound))

@@ -90,8 +90,6 @@ def solid_euler(field: Tensor | ArrayLike, level: float = 0.0, connectivity: int
     """
     field = as_grid(field, connectivity)
     total = torch.zeros(field.shape[:-3], dtype=torch.int64, device=field.device)
-    if 0 in field.shape[-3:]:  # which torch 2.6 and 2.7 do not pad
-        return total
     for start, stop in _slabs(field, _COUNT_SLAB):
         cells = (field[..., start : stop + 1, :, :] > level).view(torch.uint8)
         ends = int(start == 0), int(stop == field.shape[-3])

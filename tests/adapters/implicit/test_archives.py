@@ -1,15 +1,16 @@
-"""Archives of torch.export: pickles of more than tensors and machine code within them are refused."""
+"""Archives of networks: pickles of more than tensors, machine code and tensors larger than their member are refused."""
 
 from __future__ import annotations
 
 import io
 import os
 import pickle
+import zipfile
 from pathlib import Path
 
 import pytest
 import torch
-from intact_files import export_members
+from intact_files import export_members, script_members
 from splat_writers import zip_members
 
 from topokit.adapters.implicit.files import read_network
@@ -61,8 +62,6 @@ def test_a_nested_pickle_is_not_run(members: dict[str, bytes], tmp_path: Path) -
 
 
 def test_machine_code_and_doubled_members_are_refused(members: dict[str, bytes], tmp_path: Path) -> None:
-    import zipfile
-
     root = member(members, "archive_version").rpartition("archive_version")[0]
     with pytest.raises(ReadError, match="holds machine code"):
         read({**members, f"{root}data/aotinductor/model/model.so": b"\x7fELF"}, tmp_path)
@@ -71,3 +70,58 @@ def test_machine_code_and_doubled_members_are_refused(members: dict[str, bytes],
         archive.writestr(member(members, "model.json"), b"{}")
     with pytest.raises(ReadError, match="two members of one name"):
         read_network(tmp_path / "net.pt2")
+
+
+@pytest.mark.parametrize("kept", [0, 20, 47])
+def test_a_tensor_longer_than_its_member_is_refused(kept: int, tmp_path: Path) -> None:
+    """torch.jit.load reads past the end of it; with no bytes at all it ends the process."""
+    script = script_members()
+    weights = member(script, "data/0")
+    with pytest.raises(ReadError, match=f"should hold 48 bytes and holds {kept}"):
+        read({**script, weights: script[weights][:kept]}, tmp_path)
+    saved = io.BytesIO()
+    torch.save((torch.ones(4, 3),), saved)
+    with zipfile.ZipFile(saved) as inner:
+        inputs = {name: inner.read(name) for name in inner.namelist()}
+    inputs[member(inputs, "data/0")] = bytes(kept)
+    exported = export_members()
+    with pytest.raises(ReadError, match=f"sample_inputs.*should hold 48 bytes and holds {kept}"):
+        read({**exported, member(exported, "sample_inputs/model.pt"): zip_members(inputs)}, tmp_path)
+
+
+def test_a_tensor_beyond_its_storage_and_a_huge_memo_are_refused(tmp_path: Path) -> None:
+    script = script_members()
+    pickled = member(script, "data.pkl")
+    long = script[pickled].replace(b"K\x00(K\x04K\x03t", b"K\x01(K\x04K\x03t")  # starts at element 1 of 12
+    with pytest.raises(ReadError, match=r"a tensor of size \(4, 3\).*in 12 elements"):
+        read({**script, pickled: long}, tmp_path)
+    memo = script[pickled].replace(b"q\x00", b"r\xff\xff\xff\xff", 1)
+    with pytest.raises(ReadError, match="a memo of 4294967295 objects"):
+        read({**script, pickled: memo}, tmp_path)
+
+
+def test_pickles_of_scripts_are_looked_at_without_being_run(tmp_path: Path) -> None:
+    script = script_members()
+    with pytest.raises(ReadError):
+        read({**script, member(script, "data.pkl"): pickle.dumps(RunsCode(tmp_path / "harm"))}, tmp_path)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_scripts_of_all_types_are_read(tmp_path: Path) -> None:
+    class Holds(torch.nn.Module):
+        """Buffers of many types, views of one storage, an empty one, lists and dictionaries."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            whole = torch.arange(24.0).reshape(4, 6)
+            self.rows, self.columns, self.turned = whole[1:3], whole[:, 2::3], whole.t()
+            self.several = [torch.ones(2, dtype=kind) for kind in (torch.bool, torch.int64, torch.float16)]
+            self.named = {"double": torch.zeros(3, dtype=torch.complex128), "none": torch.empty(0, 3)}
+            self.register_buffer("constant", torch.ones((), dtype=torch.bfloat16))
+
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            kept = self.rows.sum() + self.columns.sum() + self.turned[0, 0] + self.several[1].sum()
+            return x.norm(2, 1) - 0.5 + 0 * (kept + self.named["none"].sum() + self.constant)
+
+    torch.jit.save(torch.jit.script(Holds()), tmp_path / "net.pt")
+    assert read_network(tmp_path / "net.pt")(torch.ones(7, 3)).shape == (7,)

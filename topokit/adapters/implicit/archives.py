@@ -1,4 +1,7 @@
-"""Archives of torch.export: what in them may be opened, since torch.export.load runs pickles and machine code."""
+"""Archives of networks: what in them may be opened.
+
+torch.export.load runs pickles and machine code; torch.jit.load reads past the end of members that are too short.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from pathlib import Path
 
 import torch
 
+from topokit.adapters.implicit.storages import require_storages
 from topokit.errors import ReadError
 from topokit.inputs.reading import reading, require_members
 
@@ -25,11 +29,16 @@ _OF_PICKLES = (AttributeError, EOFError, LookupError, RuntimeError, TypeError, V
 _FORCED = "TORCH_FORCE_WEIGHTS_ONLY_LOAD"  # torch's own variable
 
 
-def safe_copy(path: Path) -> io.BytesIO:
+def safe_copy(path: Path, exported: bool) -> io.BytesIO:
     """The archive with the members that were checked, and with nothing else, whatever another reader would find in it.
 
+    Args:
+        path: a TorchScript archive, or one of torch.export.
+        exported: whether it is of torch.export, whose pickles must be of tensors alone.
+
     Raises:
-        ReadError: if it is damaged, expands absurdly, or holds machine code or a pickle of more than tensors.
+        ReadError: if it is damaged, expands absurdly, holds a tensor larger than its member, or, if it is of
+            torch.export, machine code or a pickle of more than tensors.
     """
     target = io.BytesIO()
     with (
@@ -44,8 +53,10 @@ def safe_copy(path: Path) -> io.BytesIO:
             raise ReadError(f"{path} holds two members of one name: it is damaged, or made to mislead.")
         for entry in entries:
             content = archive.read(entry)
-            _check_member(path, entry.filename, content)
+            if exported:
+                _check_member(path, entry.filename, content)
             copy.writestr(entry.filename, content)
+        require_storages(path, copy)
     target.seek(0)
     return target
 
@@ -72,6 +83,9 @@ def _check_member(path: Path, name: str, content: bytes) -> None:
     if any(kind in name for kind in _OBJECTS):
         raise ReadError(f"{path} holds a pickled object ({name}), {may_run}. {advice}")
     if _PICKLED.search(name) and content:
+        if zipfile.is_zipfile(io.BytesIO(content)):
+            with zipfile.ZipFile(io.BytesIO(content)) as saved:
+                require_storages(path, saved, f"{name}/")
         try:
             torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
         except _OF_PICKLES as error:

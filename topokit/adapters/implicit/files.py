@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import pickle
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,10 +42,11 @@ def read_network(path: Path) -> Function:
     """
     kind = archive_kind(path)
     if kind == "script":
+        archive = safe_copy(path, exported=False)
         with reading(path, "torch.jit.load", LookupError, RuntimeError):
-            return cast(Function, torch.jit.load(path, map_location="cpu"))
+            return cast(Function, torch.jit.load(archive, map_location="cpu"))
     if kind == "export":
-        archive = safe_copy(path)
+        archive = safe_copy(path, exported=True)
         with _quiet(), weights_only(), reading(path, "torch.export.load", *_of_export()):
             return cast(Function, torch.export.load(archive).module())
     if kind == "pickle":
@@ -58,7 +60,16 @@ def _of_export() -> tuple[type[Exception], ...]:
     """What torch.export raises on damaged archives, beside ValueError and the like."""
     from torch._export.verifier import SpecViolationError  # not imported before it is needed: it takes a second
 
-    return (AssertionError, AttributeError, LookupError, RuntimeError, SyntaxError, TypeError, SpecViolationError)
+    return (
+        AssertionError,
+        AttributeError,
+        LookupError,
+        RuntimeError,
+        SyntaxError,
+        TypeError,
+        pickle.UnpicklingError,
+        SpecViolationError,
+    )
 
 
 @contextmanager

@@ -34,9 +34,9 @@ def reader_of(name: str) -> Callable[[Path], Any]:
     from intact_files import FLAT
 
     if name in ("TorchScript", "torch.export"):
-        from topokit.adapters.implicit.files import read_network
+        from topokit import load
 
-        return read_network
+        return lambda path: load(path, adapter="sdf")  # which calls it, and so reads its weights
     if name in ("sog", "spz", "spz 4", "splat", "ksplat", "compressed ply") or name.startswith("3dgs"):
         from topokit.adapters.splats.formats.choose import read_splats
 

@@ -213,9 +213,8 @@ def _script() -> bytes:
     import torch
 
     target = io.BytesIO()
-    torch.jit.save(
-        torch.jit.trace(torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.ReLU()), torch.ones(2, 3)), target
-    )
+    network = torch.nn.Sequential(torch.nn.Linear(3, 4), torch.nn.ReLU(), torch.nn.Linear(4, 1))
+    torch.jit.save(torch.jit.trace(network, torch.ones(2, 3)), target)
     return target.getvalue()
 
 

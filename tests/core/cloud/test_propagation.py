@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from topokit.core.cloud.axes import plane_axes, surface_axes
+from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.planes import plane_axes
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.testing import sphere_samples, torus_samples
 

@@ -7,16 +7,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.linalg import smallest_eigenvector
+from topokit.core.cloud.planes import NARROW, WIDE, Faces, Planes, find_faces
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
-_NEIGHBORS = 10  # neighbors for planes: few, so that sheets that are close together are not mixed
+_CLEAN = 0.02  # median thickness over radius up to which few neighbors show a plane rather than noise
 _GRAPH = 8  # neighbors that are kept for the graph, and of the disc whose area a point stands for
 _ROWS = 1 << 12  # points whose neighborhoods are in memory, and in the processor's cache, at once
 
@@ -28,7 +27,8 @@ class SurfaceAxes:
     Attributes:
         tree: the tree of the points.
         neighbors: (N, 8), nearest first, without the point itself.
-        axes: (N, 3), unit normals of arbitrary sign (PCA).
+        axes: (N, 3), unit normals of arbitrary sign (PCA): near creases between those of the faces.
+        faces: at creases; None if the points are too noisy to tell, or if normals are given.
         areas: (N,), surface area that each point stands for.
         thickness: (N,), root-mean-square distance of the neighbors from the fitted plane.
         roughness: median ratio of the thickness to the radius of the neighborhood.
@@ -37,6 +37,7 @@ class SurfaceAxes:
     tree: cKDTree
     neighbors: Integers
     axes: Floats
+    faces: Faces | None
     areas: Floats
     thickness: Floats
     roughness: float
@@ -56,28 +57,21 @@ def surface_axes(points: Floats) -> SurfaceAxes:
     tree = cKDTree(points, balanced_tree=False)  # compact nodes pay where all points are looked up
     order = tree.indices  # neighboring queries share their way down the tree
     count = len(points)
-    neighbors = np.empty((count, _GRAPH), dtype=np.int32)
-    axes, radius, thickness = np.empty((count, 3)), np.empty(count), np.empty(count)
+    neighbors, radius = np.empty((count, _GRAPH), dtype=np.int32), np.empty(count)
+    wide, narrow = Planes.empty(count), Planes.empty(count)
 
     def measure(start: int) -> None:
         rows = order[start : start + _ROWS]
-        distance, index = tree.query(points[rows], _NEIGHBORS + 1)
+        distance, index = tree.query(points[rows], WIDE + 1)
         neighbors[rows] = index[:, 1 : _GRAPH + 1]
         radius[rows] = distance[:, _GRAPH]
-        axes[rows], thickness[rows] = plane_axes(points.take(index, axis=0))
+        patches = points.take(index, axis=0)
+        wide.fit(rows, patches)
+        narrow.fit(rows, patches[:, : NARROW + 1])
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(measure, range(0, count, _ROWS)))
-    roughness = float(np.median(thickness / np.maximum(radius, 1e-300)))
-    return SurfaceAxes(tree, neighbors, axes, np.pi * radius**2 / _GRAPH, thickness, roughness)
-
-
-def plane_axes(patches: Floats) -> tuple[Floats, Floats]:
-    """Unit normals (n, 3) of arbitrary sign of planes fitted to patches (n, k, 3), and distances from them (n,)."""
-    patches = patches - patches.mean(1, keepdims=True)
-    moments = patches.transpose(0, 2, 1) @ patches
-    size = np.maximum(np.trace(moments, axis1=1, axis2=2), np.finfo(np.float64).tiny)
-    scaled = torch.from_numpy(moments / size[:, None, None])
-    axes = smallest_eigenvector(scaled, scaled[:, 0]).numpy()
-    height = np.einsum("nka,na->nk", patches, axes)
-    return axes, np.sqrt(np.einsum("nk,nk->n", height, height) / patches.shape[1])
+    roughness = float(np.median(wide.thickness / np.maximum(radius, 1e-300)))
+    faces = find_faces(points, wide, narrow, neighbors) if roughness <= _CLEAN else None
+    areas = np.pi * radius**2 / _GRAPH
+    return SurfaceAxes(tree, neighbors, wide.axes, faces, areas, wide.thickness, roughness)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.cloud.axes import SurfaceAxes, plane_axes
+from topokit.core.cloud.axes import SurfaceAxes
 from topokit.core.cloud.cubes import CubeHierarchy, curve_order
 from topokit.core.cloud.downsampling import downsample, representatives, thin_along_curve
+from topokit.core.cloud.planes import plane_axes
 from topokit.core.cloud.propagation import Propagation, propagate_signs
 
 Floats = NDArray[np.float64]
@@ -128,7 +129,8 @@ def dense_cloud(points: Floats, surface: SurfaceAxes) -> DenseCloud:
         points: (N, 3), distinct, centered.
         surface: their axes and areas.
     """
-    return DenseCloud(points, surface, propagate_signs(points, surface.axes, surface.areas, surface.neighbors))
+    signs = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
+    return DenseCloud(points, surface, signs if surface.faces is None else signs.sharpened(surface.faces))
 
 
 def is_noisy(surface: SurfaceAxes) -> bool:

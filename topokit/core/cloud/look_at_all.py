@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from topokit.core.cloud.delaunay_cut import DelaunayComplex, delaunay_complex
 from topokit.core.cloud.findings import Signs, SignSource
 from topokit.core.cloud.look import Cloud, Look
-from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, flatten, local_geometry, turned_towards
+from topokit.core.cloud.neighborhoods import LocalGeometry, compatible_areas, flatten, local_geometry
 from topokit.core.cloud.orientation import INTERPOLATING, Orientation, check_normals, orient_samples
+from topokit.core.cloud.planes import turned_towards
 from topokit.core.cloud.votes import gather_votes, tally
 from topokit.core.cloud.widening import Widening, widened
 from topokit.core.cloud.wires import WireReading

@@ -79,7 +79,9 @@ def _look_at_part(
 
 
 def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
-    axes = surface.axes if cloud.normals is None else cloud.normals
-    areas = surface.areas if cloud.areas is None else cloud.areas
+    if cloud.normals is not None:
+        surface = replace(surface, axes=cloud.normals, faces=None)
+    if cloud.areas is not None:
+        surface = replace(surface, areas=cloud.areas)
     begin("signs")
-    return dense_cloud(cloud.points, replace(surface, axes=axes, areas=areas))
+    return dense_cloud(cloud.points, surface)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from topokit.core.cloud.planes import NARROW, WIDE, Faces, Planes, find_faces, turned_towards
 from topokit.core.linalg import normalize
 from topokit.core.neighbors import nearest_neighbors
 from topokit.errors import InputError
@@ -22,6 +23,7 @@ _WIDE = 39  # neighbors among which opposite sheets are looked for
 _FLAT = 1e-6  # thickness of a cloud over its length up to which it lies in a plane
 _OPPOSITE = -0.5  # cosine below which two normals belong to opposite sheets
 _SAME_SHEET = 0.3  # cosine above which two normals belong to the same sheet
+_DISC = 8  # neighbors of the disc whose area a sample stands for, and of the graph that planes are carried along
 _FINEST = 0.1  # share of the samples whose spacing may be finer than the finest that is stated, and than a grid's cells
 FEWEST_POINTS = 32
 """Smallest number of samples for which a solid is looked for."""
@@ -36,6 +38,7 @@ class LocalGeometry:
         wide_index: (N, m), neighbors without the sample itself, nearest first, m ≥ k.
         distance: (N, k + 1), distances to `index`.
         normals: (N, 3), unit, of arbitrary sign: direction of least variance of the neighborhood (PCA).
+        faces: at creases; None if axes are given.
         areas: (N,), surface area that each sample stands for.
         spacing: √(mean area), the typical distance between neighboring samples.
         spacings: (N,), the same around each sample: √(mean area of it and its neighbors).
@@ -46,6 +49,7 @@ class LocalGeometry:
     wide_index: Integers
     distance: Floats
     normals: Floats
+    faces: Faces | None
     areas: Floats
     spacing: float
     spacings: Floats
@@ -75,8 +79,16 @@ def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | N
         raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
     roughness = float(np.median(thickness)) / spacing
     spacings = _spacings_around(discs, index, spacing)
-    normals = normals if axes is None else axes
-    return LocalGeometry(index, wide_index, distance, normals, areas, spacing, spacings, roughness)
+    normals, faces = (normals, _faces(points, index)) if axes is None else (axes, None)
+    return LocalGeometry(index, wide_index, distance, normals, faces, areas, spacing, spacings, roughness)
+
+
+def _faces(points: Floats, index: Integers) -> Faces:
+    wide, narrow = Planes.empty(len(points)), Planes.empty(len(points))
+    patches = points[index[:, : WIDE + 1]]
+    wide.fit(slice(None), patches)
+    narrow.fit(slice(None), patches[:, : NARROW + 1])
+    return find_faces(points, wide, narrow, index[:, 1 : _DISC + 1])
 
 
 def local_spacings(points: Floats) -> Floats:
@@ -93,7 +105,7 @@ def typical_and_finest(spacings: Floats) -> tuple[float, float]:
 
 def _discs(distance: Floats) -> Floats:
     """π r₈² / 8, (N,), from the distances (N, k + 1) to a sample and its neighbors."""
-    rank = min(8, distance.shape[1] - 1)
+    rank = min(_DISC, distance.shape[1] - 1)
     return np.asarray(np.pi * distance[:, rank] ** 2 / rank)
 
 
@@ -166,11 +178,6 @@ def unit(vectors: Floats) -> Floats:
     """Vectors (N, 3) scaled to length one; zero stays zero, and unit vectors are unchanged to the last digit."""
     is_unit = np.abs(np.linalg.norm(vectors, axis=1, keepdims=True) - 1) < 1e-9
     return np.where(is_unit, vectors, normalize(torch.from_numpy(vectors)).numpy())
-
-
-def turned_towards(axes: Floats, directions: Floats) -> Floats:
-    """The axes (N, 3), each turned towards its direction (N, 3)."""
-    return np.where((axes * directions).sum(1, keepdims=True) < 0, -axes, axes)
 
 
 def clean_normals(

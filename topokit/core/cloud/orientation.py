@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.dipoles import DipoleSolver, border_mean
-from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, turned_towards, unit
+from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, unit
+from topokit.core.cloud.planes import turned_towards
 from topokit.core.cloud.poles import normals_by_poles
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.core.grid.grid import make_grid
@@ -108,7 +109,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     if propagated is not None:
         return propagated
     directions = candidate_directions(points, local)
-    cleaned = [clean_normals(points, direction, local.index) for direction in directions.values()]
+    cleaned = [_cleaned(points, direction, local) for direction in directions.values()]
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         cuts = list(threads.map(partial(cut_complex, complex_), cleaned))
     trials = {
@@ -120,7 +121,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     costs = {name: _HANDICAP[name] * _cost(cut, power) for name, (_, _, cut) in trials.items()}
     best = min(costs, key=lambda candidate: costs[candidate])
     direction, normals, _ = trials[best]
-    normals = clean_normals(points, unit(normals + direction), local.index)
+    normals = _cleaned(points, unit(normals + direction), local)
     cut = cut_complex(complex_, normals)
     surface, _ = surface_normals(complex_, cut.inside, normals)
     normals = unit(surface + normals + 1e-9 * direction)  # the last term decides where the others cancel
@@ -128,12 +129,18 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
     return Orientation(normals, best, costs, cut.coverage, complex_, trials=kept)
 
 
+def _cleaned(points: Floats, normals: Floats, local: LocalGeometry) -> Floats:
+    """Normals (N, 3) of planes through neighbors whose normals agree, near creases of the planes of single faces."""
+    normals = clean_normals(points, normals, local.index)
+    return normals if local.faces is None else local.faces.sharpened(normals)
+
+
 def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Orientation | None:
     """Normals with the signs of a spanning tree, if the samples are smooth and the solid that they imply agrees."""
     if local.roughness > _SMOOTH:
         return None
     found = propagate_signs(points, local.normals, local.areas, local.index[:, 1 : _GRAPH + 1].astype(np.int32))
-    normals = clean_normals(points, found.normals, local.index)
+    normals = _cleaned(points, found.normals, local)
     cut = cut_complex(complex_, normals)
     surface, is_on = surface_normals(complex_, cut.inside, normals)
     if not _is_believed(surface, is_on, normals, found.parts, INTERPOLATING):
@@ -287,5 +294,5 @@ def _compare_with_found(
     """Share of given normals that agree with found ones, and whether those imply a clearly cheaper solid."""
     direction = candidate_directions(points, local, ("coarse",))["coarse alternation"]
     agreement = float(((direction * normals).sum(1) > 0).mean())
-    found = cut_complex(complex_, clean_normals(points, direction, local.index))
+    found = cut_complex(complex_, _cleaned(points, direction, local))
     return agreement, _cost(found) < _CHEAPER * _cost(cut_complex(complex_, outward))

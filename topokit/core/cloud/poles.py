@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.cloud.delaunay_cut import FACETS, Cut, DelaunayComplex, cut_complex, surface_normals
-from topokit.core.cloud.neighborhoods import turned_towards, unit
+from topokit.core.cloud.neighborhoods import unit
+from topokit.core.cloud.planes import turned_towards
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from topokit.core.cloud.planes import Faces
 from topokit.core.labels import connected_labels
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,10 @@ class Propagation:
     normals: Floats
     parts: Integers
     patches: Integers
+
+    def sharpened(self, faces: Faces) -> Propagation:
+        """The same with the faces' axes near creases; the signs are those of points farther from the crease."""
+        return Propagation(faces.sharpened(self.normals), self.parts[faces.owner], self.patches[faces.owner])
 
 
 def propagate_signs(points: Floats, axes: Floats, areas: Floats, neighbors: NDArray[np.int32]) -> Propagation:

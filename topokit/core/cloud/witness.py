@@ -27,9 +27,9 @@ from topokit.core.cloud.neighborhoods import (
     FEWEST_POINTS,
     centered_positions,
     project_to_planes,
-    turned_towards,
     unit,
 )
+from topokit.core.cloud.planes import turned_towards
 from topokit.core.cloud.rounding import single_precision_step
 from topokit.core.cloud.stage_seconds import stage_seconds
 from topokit.core.cloud.votes import tally

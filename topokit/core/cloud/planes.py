@@ -28,7 +28,7 @@ WIDE, NARROW = 10, 6
 """Neighbors for a point's own plane, and for planes that near a crease lie on one face."""
 
 _ROUNDS = 3  # each carries a plane one neighbor further
-_FLATTER = 0.25  # share of the own misfit below which another plane is taken; between flat planes nothing is to be won
+_FLATTER = 0.125  # share of the own misfit below which another plane is taken; between flat planes nothing is to be won
 _ROWS = 1 << 12  # points whose candidates are in memory, and in the processor's cache, at once
 
 

@@ -181,6 +181,17 @@ def test_thin_solids_are_sampled_as_they_are() -> None:
     assert shape.samples.n_points == 10_000
 
 
+@pytest.mark.parametrize(("around", "inside"), [(-1e-30, 1.0), (-1.0, 1e30), (0.0, np.inf)])
+def test_values_inside_may_be_far_larger_than_those_around(around: float, inside: float) -> None:
+    volume = np.full((9, 9, 9), around)
+    volume[3:6, 3:6, 3:6] = inside
+    samples = tk.from_voxels(volume, level=0.0, n_samples=200).samples
+    distance = (samples.points - 4).abs().amax(1)  # from the middle of a cube of half a side of 1 to 2
+    assert float(distance.min()) > 0.9
+    assert float(distance.max()) < 2.6
+    assert torch.isfinite(samples.normals).all()
+
+
 @pytest.mark.parametrize(
     ("volume", "options", "said"),
     [

@@ -25,7 +25,8 @@ _MARGIN = 4  # voxels of background around the solid, for the filter
 def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.Generator) -> SurfaceSamples:
     """Area-weighted points with outward normals on the level set of the volume smoothed over one voxel.
 
-    Solids so thin that smoothing makes them vanish are sampled as they are.
+    Volumes are sampled as they are where smoothing makes the solid vanish, since it is thin, or what is around it, since
+    values there are far smaller than inside.
 
     Args:
         values: (X, Y, Z), positive inside, with at least one voxel inside.
@@ -35,7 +36,7 @@ def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.
     """
     sharp, first = _crop(values)
     smooth = ndimage.gaussian_filter(sharp, _SIGMA, mode="nearest")
-    survives = 2 * (smooth > 0).sum() >= (sharp > 0).sum() > 0
+    survives = all(2 * side(smooth).sum() >= side(sharp).sum() for side in (_inside, _outside))
     x, y, z = sharp.shape
     cropped = torch.from_numpy(smooth if survives else sharp)
     starts, normals = area_weighted_starts(cropped, Grid((x, y, z), grid.spacing), n_samples, generator)
@@ -47,6 +48,14 @@ def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.
         normals = torch.where(is_on[:, None], normalize(-slope), normals)
     corner = starts.new_tensor(grid.origin) + starts.new_tensor(first) * starts.new_tensor(grid.spacing)
     return SurfaceSamples(starts + corner, normals)
+
+
+def _inside(values: NDArray[np.float32]) -> NDArray[np.bool_]:
+    return values > 0
+
+
+def _outside(values: NDArray[np.float32]) -> NDArray[np.bool_]:
+    return values <= 0
 
 
 class _QuadraticSpline:
@@ -72,9 +81,8 @@ def _crop(values: Tensor) -> tuple[NDArray[np.float32], list[int]]:
     cut = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu()
     part: NDArray[np.floating[Any]] = (cut if cut.dtype == torch.float64 else cut.float()).numpy()
     finite = part[np.isfinite(part)]
-    bottom, top = (float(finite.min()), float(finite.max())) if finite.size else (-1.0, 1.0)
-    bottom = min(bottom, -top) if bottom >= 0 else bottom
-    top = top if top > 0 else -bottom
+    size = float(np.abs(finite).max(initial=0.0)) or 1.0
+    bottom, top = float(finite.min(initial=0.0)) or -size, float(finite.max(initial=0.0)) or size
     part = np.nan_to_num(part, nan=bottom, posinf=top, neginf=bottom)
     missing = [(max(0, -a), max(0, b - n)) for a, b, n in zip(first, last, values.shape, strict=True)]
     return in_single_precision(np.pad(part, missing, constant_values=bottom)), first

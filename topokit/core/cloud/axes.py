@@ -15,7 +15,6 @@ from topokit.core.cloud.planes import NARROW, WIDE, Faces, Planes, find_faces
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
-_CLEAN = 0.02  # median thickness over radius up to which few neighbors show a plane rather than noise
 _GRAPH = 8  # neighbors that are kept for the graph, and of the disc whose area a point stands for
 _ROWS = 1 << 12  # points whose neighborhoods are in memory, and in the processor's cache, at once
 
@@ -72,6 +71,6 @@ def surface_axes(points: Floats) -> SurfaceAxes:
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(measure, range(0, count, _ROWS)))
     roughness = float(np.median(wide.thickness / np.maximum(radius, 1e-300)))
-    faces = find_faces(points, wide, narrow, neighbors) if roughness <= _CLEAN else None
+    faces = find_faces(points, wide, narrow, neighbors)
     areas = np.pi * radius**2 / _GRAPH
     return SurfaceAxes(tree, neighbors, wide.axes, faces, areas, wide.thickness, roughness)

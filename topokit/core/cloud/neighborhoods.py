@@ -38,7 +38,7 @@ class LocalGeometry:
         wide_index: (N, m), neighbors without the sample itself, nearest first, m ≥ k.
         distance: (N, k + 1), distances to `index`.
         normals: (N, 3), unit, of arbitrary sign: direction of least variance of the neighborhood (PCA).
-        faces: at creases; None if axes are given.
+        faces: at creases; None if axes are given, or if the samples are too noisy to tell.
         areas: (N,), surface area that each sample stands for.
         spacing: √(mean area), the typical distance between neighboring samples.
         spacings: (N,), the same around each sample: √(mean area of it and its neighbors).
@@ -83,7 +83,7 @@ def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | N
     return LocalGeometry(index, wide_index, distance, normals, faces, areas, spacing, spacings, roughness)
 
 
-def _faces(points: Floats, index: Integers) -> Faces:
+def _faces(points: Floats, index: Integers) -> Faces | None:
     wide, narrow = Planes.empty(len(points)), Planes.empty(len(points))
     patches = points[index[:, : WIDE + 1]]
     wide.fit(slice(None), patches)

@@ -24,9 +24,13 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
-WIDE, NARROW = 10, 6
-"""Neighbors for a point's own plane, and for planes that near a crease lie on one face."""
+WIDE = 10
+"""Neighbors for a point's own plane: few, so that sheets that are close together are not mixed."""
 
+NARROW = 6
+"""Neighbors for planes that near a crease lie on one face."""
+
+_SHOWS_PLANES = 0.1  # median thickness over size up to which planes are compared: noise of a seventh of the spacing
 _ROUNDS = 3  # each carries a plane one neighbor further
 _FLATTER = 0.125  # share of the own misfit below which another plane is taken; between flat planes nothing is to be won
 _ROWS = 1 << 12  # points whose candidates are in memory, and in the processor's cache, at once
@@ -68,25 +72,26 @@ class Planes:
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Points near creases, and the faces that they lie on.
+    """The faces that points lie on, where these show better than in the points' own neighborhoods.
 
     Attributes:
-        is_near_crease: (N,), whether the plane of another neighborhood fits far better than the point's own.
+        is_replaced: (N,), whether the plane of a narrower neighborhood fits far better than the point's own, as it does
+            near creases.
         axes: (N, 3), unit normals of arbitrary sign of these planes.
         owner: (N,), the points whose neighborhoods they are of; elsewhere the point itself.
     """
 
-    is_near_crease: Booleans
+    is_replaced: Booleans
     axes: Floats
     owner: Integers
 
     def sharpened(self, normals: Floats) -> Floats:
         """The normals (N, 3), near creases those of one face, with the sign that the normal has farther from it."""
-        return np.where(self.is_near_crease[:, None], turned_towards(self.axes, normals[self.owner]), normals)
+        return np.where(self.is_replaced[:, None], turned_towards(self.axes, normals[self.owner]), normals)
 
 
-def find_faces(points: Floats, wide: Planes, narrow: Planes, neighbors: NDArray[np.integer]) -> Faces:
-    """The faces at points near creases.
+def find_faces(points: Floats, wide: Planes, narrow: Planes, neighbors: NDArray[np.integer]) -> Faces | None:
+    """The faces at points near creases; None if neighborhoods are so thick that noise would pass for creases.
 
     Args:
         points: (N, 3).
@@ -94,6 +99,8 @@ def find_faces(points: Floats, wide: Planes, narrow: Planes, neighbors: NDArray[
         narrow: planes of fewer neighbors.
         neighbors: (N, k), without the point itself.
     """
+    if np.median(wide.thickness / np.maximum(wide.sizes, 1e-300)) > _SHOWS_PLANES:
+        return None
     own = np.arange(len(points))
     owner, misfit = own, narrow.misfit(points, own)
     for _ in range(_ROUNDS):

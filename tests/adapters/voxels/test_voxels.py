@@ -186,9 +186,9 @@ def test_values_inside_may_be_far_larger_than_those_around(around: float, inside
     volume = np.full((9, 9, 9), around)
     volume[3:6, 3:6, 3:6] = inside
     samples = tk.from_voxels(volume, level=0.0, n_samples=200).samples
-    distance = (samples.points - 4).abs().amax(1)  # from the middle of a cube of half a side of 1 to 2
+    distance = (samples.points - 4).abs().amax(1)  # from the middle of a cube whose faces are 1.5 away
     assert float(distance.min()) > 0.9
-    assert float(distance.max()) < 2.6
+    assert float(distance.max()) < 3.0
     assert torch.isfinite(samples.normals).all()
 
 

@@ -25,8 +25,8 @@ _MARGIN = 4  # voxels of background around the solid, for the filter
 def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.Generator) -> SurfaceSamples:
     """Area-weighted points with outward normals on the level set of the volume smoothed over one voxel.
 
-    Volumes are sampled as they are where smoothing makes the solid vanish, since it is thin, or what is around it, since
-    values there are far smaller than inside.
+    Where smoothing makes the solid vanish, since it is thin, or what is around it, since values there are far smaller,
+    the volume is sampled as it is.
 
     Args:
         values: (X, Y, Z), positive inside, with at least one voxel inside.

@@ -13,8 +13,9 @@ import torch
 from intact_files import export_members, script_members
 from splat_writers import zip_members
 
+import topokit
 from topokit.adapters.implicit.files import read_network
-from topokit.errors import ReadError
+from topokit.errors import InputError, ReadError
 
 
 class RunsCode:
@@ -125,3 +126,15 @@ def test_scripts_of_all_types_are_read(tmp_path: Path) -> None:
 
     torch.jit.save(torch.jit.script(Holds()), tmp_path / "net.pt")
     assert read_network(tmp_path / "net.pt")(torch.ones(7, 3)).shape == (7,)
+
+
+def test_a_program_of_few_points_is_told_so(tmp_path: Path) -> None:
+    class Ball(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            return x.square().sum(1) - 0.25
+
+    count = torch.export.Dim("count", min=2, max=100)
+    for name, shapes in (("few.pt2", ({0: count},)), ("one.pt2", None)):
+        torch.export.save(torch.export.export(Ball(), (torch.ones(7, 3),), dynamic_shapes=shapes), tmp_path / name)
+        with pytest.raises(InputError, match=r"dynamic_shapes|cannot be called"):
+            topokit.load(tmp_path / name, adapter="sdf").report()

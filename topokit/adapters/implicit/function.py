@@ -15,10 +15,13 @@ from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
 from topokit.core.linalg import normalize
 from topokit.core.residence import stays_on_device
-from topokit.errors import InputError
+from topokit.errors import InputError, summary
 
 Function = Callable[[Tensor], Tensor]
 _CHUNK = 1 << 16  # points per call
+
+# What calls with the wrong type or number of points raise; AssertionError is that of the guards of torch.export.
+_OF_CALLS = (AssertionError, AttributeError, IndexError, NameError, RuntimeError, TypeError, ValueError)
 
 
 class LevelFunction:
@@ -45,11 +48,11 @@ class LevelFunction:
         """Values (N,) at positions (N, 3), with a graph to points and weights where gradients are on.
 
         Raises:
-            InputError: on a wrong shape, and on the CPU on NaN, naming the point.
+            InputError: on a wrong shape, if f refuses the number of points, and on the CPU on NaN, naming the point.
         """
         inputs = points.to(self.device, self.dtype)
         self.n_evaluations += len(inputs)
-        values = self.sign * (self._one_per_point(self.f(inputs), len(inputs)) - self.level)
+        values = self.sign * (self._one_per_point(self._answer(inputs), len(inputs)) - self.level)
         is_nan = values.detach().isnan()
         if not stays_on_device(values) and is_nan.any():  # on an accelerator this would be a look: NaN gives NaN
             where = ", ".join(f"{x:.4g}" for x in inputs[is_nan][0].tolist())
@@ -58,6 +61,15 @@ class LevelFunction:
                 "a division by zero or a root of a negative number there, or for weights that are NaN."
             )
         return values
+
+    def _answer(self, inputs: Tensor) -> object:
+        try:
+            return self.f(inputs)
+        except AssertionError as error:
+            raise InputError(
+                f"{self.name} refuses {len(inputs)} points ({summary(error)}). A program of torch.export takes any "
+                "number of points if it is exported with dynamic_shapes."
+            ) from error
 
     def __getstate__(self) -> dict[str, Any]:
         """What is sent to another process; TorchScript cannot be pickled, but writes itself into a file."""
@@ -100,7 +112,15 @@ class LevelFunction:
             try:
                 with torch.no_grad():
                     answer = self.f(probe.to(device, dtype))
-            except (RuntimeError, TypeError, ValueError, IndexError, AttributeError) as error:
+            except (
+                RuntimeError,
+                TypeError,
+                ValueError,
+                IndexError,
+                AttributeError,
+                AssertionError,
+                NameError,
+            ) as error:
                 said = " ".join(str(error).split())[:200]
                 tried.append(f"{dtype} on {device}: {type(error).__name__}: {said}")
                 continue

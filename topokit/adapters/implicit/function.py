@@ -20,6 +20,7 @@ from topokit.errors import InputError, summary
 Function = Callable[[Tensor], Tensor]
 _CHUNK = 1 << 16  # points per call
 
+_GUARD = "Expected input at"  # how torch 2.8 says what later ones assert
 # What calls with the wrong type or number of points raise; AssertionError is that of the guards of torch.export.
 _OF_CALLS = (AssertionError, AttributeError, IndexError, NameError, RuntimeError, TypeError, ValueError)
 
@@ -65,7 +66,9 @@ class LevelFunction:
     def _answer(self, inputs: Tensor) -> object:
         try:
             return self.f(inputs)
-        except AssertionError as error:
+        except (AssertionError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and _GUARD not in str(error):
+                raise
             raise InputError(
                 f"{self.name} refuses {len(inputs)} points ({summary(error)}). A program of torch.export takes any "
                 "number of points if it is exported with dynamic_shapes."

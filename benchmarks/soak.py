@@ -116,7 +116,15 @@ def held() -> tuple[float, int, int]:
     return process.memory_info().rss / 2**20, process.num_fds(), process.num_threads()
 
 
+def _with_one_arena() -> None:
+    """Start again with one arena of glibc: pages that the arenas of several threads keep would hide a leak."""
+    if platform.libc_ver()[0] == "glibc" and "MALLOC_ARENA_MAX" not in os.environ:
+        os.environ["MALLOC_ARENA_MAX"] = "1"
+        os.execv(sys.executable, [sys.executable, "-m", "benchmarks.soak", *sys.argv[1:]])
+
+
 def main() -> None:
+    _with_one_arena()
     minutes = float(sys.argv[1]) if len(sys.argv) > 1 else MINUTES
     seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
     logging.disable()

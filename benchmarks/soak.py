@@ -39,6 +39,7 @@ SETTLED, HALF = 0.2, 0.6  # shares of the time: the median of memory from the se
 GROWTH = 32.0  # MiB by which these may differ: pools of allocators
 INTACT = 0.5  # share of files that are not damaged
 ADAPTERS = {"TorchScript": "sdf", "torch.export": "sdf", "3dgs": "splats", "3dgs as text": "splats", "splat": "splats"}
+GLIBC = platform.libc_ver()[0] == "glibc"
 Rng = np.random.Generator
 
 QUESTIONS: dict[str, Callable[[Any], object]] = {
@@ -110,7 +111,7 @@ def _without_times(value: Any) -> Any:
 def held() -> tuple[float, int, int]:
     """MiB of memory, open files, threads; freed pages that glibc keeps for later are given back first."""
     gc.collect()
-    if platform.libc_ver()[0] == "glibc":
+    if GLIBC:
         ctypes.CDLL(None).malloc_trim(0)
     process = psutil.Process()
     return process.memory_info().rss / 2**20, process.num_fds(), process.num_threads()
@@ -118,7 +119,7 @@ def held() -> tuple[float, int, int]:
 
 def _with_one_arena() -> None:
     """Start again with one arena of glibc: pages that the arenas of several threads keep would hide a leak."""
-    if platform.libc_ver()[0] == "glibc" and "MALLOC_ARENA_MAX" not in os.environ:
+    if GLIBC and "MALLOC_ARENA_MAX" not in os.environ:
         os.environ["MALLOC_ARENA_MAX"] = "1"
         os.execv(sys.executable, [sys.executable, "-m", "benchmarks.soak", *sys.argv[1:]])
 

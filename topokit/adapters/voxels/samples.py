@@ -36,7 +36,8 @@ def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.
     """
     sharp, first = _crop(values)
     smooth = ndimage.gaussian_filter(sharp, _SIGMA, mode="nearest")
-    survives = all(2 * side(smooth).sum() >= side(sharp).sum() for side in (_inside, _outside))
+    before, after = np.count_nonzero(sharp > 0), np.count_nonzero(smooth > 0)
+    survives = 2 * after >= before and 2 * (smooth.size - after) >= sharp.size - before
     x, y, z = sharp.shape
     cropped = torch.from_numpy(smooth if survives else sharp)
     starts, normals = area_weighted_starts(cropped, Grid((x, y, z), grid.spacing), n_samples, generator)
@@ -48,14 +49,6 @@ def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.
         normals = torch.where(is_on[:, None], normalize(-slope), normals)
     corner = starts.new_tensor(grid.origin) + starts.new_tensor(first) * starts.new_tensor(grid.spacing)
     return SurfaceSamples(starts + corner, normals)
-
-
-def _inside(values: NDArray[np.float32]) -> NDArray[np.bool_]:
-    return values > 0
-
-
-def _outside(values: NDArray[np.float32]) -> NDArray[np.bool_]:
-    return values <= 0
 
 
 class _QuadraticSpline:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.cloud.planes import NARROW, WIDE, Faces, Planes, find_faces
+from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
@@ -26,25 +27,31 @@ class SurfaceAxes:
     Attributes:
         tree: the tree of the points.
         neighbors: (N, 8), nearest first, without the point itself.
-        axes: (N, 3), unit normals of arbitrary sign (PCA): near creases between those of the faces.
-        faces: at creases; None if the points are too noisy to tell, or if normals are given.
+        planes: of these neighborhoods.
         areas: (N,), surface area that each point stands for.
-        thickness: (N,), root-mean-square distance of the neighbors from the fitted plane.
         roughness: median ratio of the thickness to the radius of the neighborhood.
     """
 
     tree: cKDTree
     neighbors: Integers
-    axes: Floats
-    faces: Faces | None
+    planes: Planes
     areas: Floats
-    thickness: Floats
     roughness: float
+
+    @property
+    def axes(self) -> Floats:
+        """Unit normals (N, 3) of arbitrary sign (PCA): near creases between those of the faces."""
+        return self.planes.axes
+
+    @cached_property
+    def faces(self) -> Faces | None:
+        """The faces at creases; None if the points are too noisy to tell."""
+        return find_faces(self.tree.data, self.planes, self.neighbors)
 
     @property
     def noise(self) -> float:
         """Standard deviation of the points from the surface, at most: bending counts, too."""
-        return float(np.median(self.thickness))
+        return float(np.median(self.planes.thickness))
 
 
 def surface_axes(points: Floats) -> SurfaceAxes:
@@ -57,20 +64,16 @@ def surface_axes(points: Floats) -> SurfaceAxes:
     order = tree.indices  # neighboring queries share their way down the tree
     count = len(points)
     neighbors, radius = np.empty((count, _GRAPH), dtype=np.int32), np.empty(count)
-    wide, narrow = Planes.empty(count), Planes.empty(count)
+    planes = Planes.empty(count)
 
     def measure(start: int) -> None:
         rows = order[start : start + _ROWS]
         distance, index = tree.query(points[rows], WIDE + 1)
         neighbors[rows] = index[:, 1 : _GRAPH + 1]
         radius[rows] = distance[:, _GRAPH]
-        patches = points.take(index, axis=0)
-        wide.fit(rows, patches)
-        narrow.fit(rows, patches[:, : NARROW + 1])
+        planes.fit(rows, points.take(index, axis=0))
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(measure, range(0, count, _ROWS)))
-    roughness = float(np.median(wide.thickness / np.maximum(radius, 1e-300)))
-    faces = find_faces(points, wide, narrow, neighbors)
-    areas = np.pi * radius**2 / _GRAPH
-    return SurfaceAxes(tree, neighbors, wide.axes, faces, areas, wide.thickness, roughness)
+    roughness = float(np.median(planes.thickness / np.maximum(radius, 1e-300)))
+    return SurfaceAxes(tree, neighbors, planes, np.pi * radius**2 / _GRAPH, roughness)

@@ -122,13 +122,16 @@ class DenseCloud:
         return tuple(float(areas[one].sum() / areas.sum()) for one in near)
 
 
-def dense_cloud(points: Floats, surface: SurfaceAxes) -> DenseCloud:
+def dense_cloud(points: Floats, surface: SurfaceAxes, axes: Floats | None = None) -> DenseCloud:
     """A cloud with its signs carried along a spanning tree.
 
     Args:
         points: (N, 3), distinct, centered.
         surface: their axes and areas.
+        axes: (N, 3), unit normals of arbitrary sign, where known.
     """
+    if axes is not None:
+        return DenseCloud(points, surface, propagate_signs(points, axes, surface.areas, surface.neighbors))
     signs = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
     return DenseCloud(points, surface, signs if surface.faces is None else signs.sharpened(surface.faces))
 

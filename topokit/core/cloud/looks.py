@@ -79,9 +79,7 @@ def _look_at_part(
 
 
 def _dense(cloud: Cloud, surface: SurfaceAxes) -> DenseCloud:
-    if cloud.normals is not None:
-        surface = replace(surface, axes=cloud.normals, faces=None)
     if cloud.areas is not None:
         surface = replace(surface, areas=cloud.areas)
     begin("signs")
-    return dense_cloud(cloud.points, surface)
+    return dense_cloud(cloud.points, surface, cloud.normals)

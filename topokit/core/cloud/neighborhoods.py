@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.planes import NARROW, WIDE, Faces, Planes, find_faces, turned_towards
+from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces, turned_towards
 from topokit.core.linalg import normalize
 from topokit.core.neighbors import nearest_neighbors
 from topokit.errors import InputError
@@ -34,26 +35,33 @@ class LocalGeometry:
     """Neighborhoods of N samples.
 
     Attributes:
+        points: (N, 3).
         index: (N, k + 1), the sample itself and its neighbors, nearest first.
         wide_index: (N, m), neighbors without the sample itself, nearest first, m ≥ k.
         distance: (N, k + 1), distances to `index`.
         normals: (N, 3), unit, of arbitrary sign: direction of least variance of the neighborhood (PCA).
-        faces: at creases; None if axes are given, or if the samples are too noisy to tell.
         areas: (N,), surface area that each sample stands for.
         spacing: √(mean area), the typical distance between neighboring samples.
         spacings: (N,), the same around each sample: √(mean area of it and its neighbors).
         roughness: median distance of neighbors from the local plane, in spacings.
     """
 
+    points: Floats
     index: Integers
     wide_index: Integers
     distance: Floats
     normals: Floats
-    faces: Faces | None
     areas: Floats
     spacing: float
     spacings: Floats
     roughness: float
+
+    @cached_property
+    def faces(self) -> Faces | None:
+        """The faces at creases; None if the samples are too noisy to tell."""
+        planes = Planes.empty(len(self.points))
+        planes.fit(slice(None), self.points[self.index[:, : WIDE + 1]])
+        return find_faces(self.points, planes, self.index[:, 1 : _DISC + 1])
 
 
 def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | None = None) -> LocalGeometry:
@@ -79,16 +87,8 @@ def local_geometry(points: Floats, areas: Floats | None = None, axes: Floats | N
         raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
     roughness = float(np.median(thickness)) / spacing
     spacings = _spacings_around(discs, index, spacing)
-    normals, faces = (normals, _faces(points, index)) if axes is None else (axes, None)
-    return LocalGeometry(index, wide_index, distance, normals, faces, areas, spacing, spacings, roughness)
-
-
-def _faces(points: Floats, index: Integers) -> Faces | None:
-    wide, narrow = Planes.empty(len(points)), Planes.empty(len(points))
-    patches = points[index[:, : WIDE + 1]]
-    wide.fit(slice(None), patches)
-    narrow.fit(slice(None), patches[:, : NARROW + 1])
-    return find_faces(points, wide, narrow, index[:, 1 : _DISC + 1])
+    normals = normals if axes is None else axes
+    return LocalGeometry(points, index, wide_index, distance, normals, areas, spacing, spacings, roughness)
 
 
 def local_spacings(points: Floats) -> Floats:

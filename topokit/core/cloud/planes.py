@@ -11,6 +11,7 @@ Reference:
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -27,9 +28,7 @@ Booleans = NDArray[np.bool_]
 WIDE = 10
 """Neighbors for a point's own plane: few, so that sheets that are close together are not mixed."""
 
-NARROW = 6
-"""Neighbors for planes that near a crease lie on one face."""
-
+_NARROW = 6  # neighbors for planes that near a crease lie on one face
 _SHOWS_PLANES = 0.1  # median thickness over size up to which planes are compared: noise of a seventh of the spacing
 _ROUNDS = 3  # each carries a plane one neighbor further
 _FLATTER = 0.125  # share of the own misfit below which another plane is taken; between flat planes nothing is to be won
@@ -90,23 +89,38 @@ class Faces:
         return np.where(self.is_replaced[:, None], turned_towards(self.axes, normals[self.owner]), normals)
 
 
-def find_faces(points: Floats, wide: Planes, narrow: Planes, neighbors: NDArray[np.integer]) -> Faces | None:
+def find_faces(points: Floats, wide: Planes, neighbors: NDArray[np.integer]) -> Faces | None:
     """The faces at points near creases; None if neighborhoods are so thick that noise would pass for creases.
 
     Args:
         points: (N, 3).
         wide: the points' own planes.
-        narrow: planes of fewer neighbors.
-        neighbors: (N, k), without the point itself.
+        neighbors: (N, k), nearest first, without the point itself; the nearest few make the narrow neighborhoods.
     """
     if np.median(wide.thickness / np.maximum(wide.sizes, 1e-300)) > _SHOWS_PLANES:
         return None
-    own = np.arange(len(points))
+    own, narrow = np.arange(len(points)), _narrow_planes(points, neighbors)
     owner, misfit = own, narrow.misfit(points, own)
     for _ in range(_ROUNDS):
         owner, misfit = _adopted(points, narrow, neighbors, owner, misfit)
     is_better = misfit < _FLATTER * wide.misfit(points, own)
     return Faces(is_better, narrow.axes[owner], np.where(is_better, owner, own))
+
+
+def _narrow_planes(points: Floats, neighbors: NDArray[np.integer]) -> Planes:
+    planes = Planes.empty(len(points))
+
+    def fit(rows: slice) -> None:
+        planes.fit(rows, np.concatenate((points[rows, None], points[neighbors[rows, :_NARROW]]), axis=1))
+
+    _in_blocks(fit, len(points))
+    return planes
+
+
+def _in_blocks(act: Callable[[slice], None], count: int) -> None:
+    """Act on all rows, in blocks on all processors."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(lambda start: act(slice(start, start + _ROWS)), range(0, count, _ROWS)))
 
 
 def _adopted(
@@ -115,8 +129,7 @@ def _adopted(
     """The best of the planes of a point and its neighbors, and how badly it fits."""
     best, least = owner.copy(), misfit.copy()
 
-    def adopt(start: int) -> None:
-        rows = slice(start, start + _ROWS)
+    def adopt(rows: slice) -> None:
         candidates = owner[neighbors[rows]]
         fits = planes.misfit(points[rows, None], candidates)
         first = fits.argmin(1)[:, None]
@@ -125,8 +138,7 @@ def _adopted(
         best[rows][is_better] = np.take_along_axis(candidates, first, 1)[is_better, 0]
         least[rows][is_better] = fit[is_better]
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(adopt, range(0, len(points), _ROWS)))
+    _in_blocks(adopt, len(points))
     return best, least
 
 

@@ -1,4 +1,4 @@
-"""Signs along the spanning tree: sheets are followed, gaps are not crossed, parts enclose positive volumes."""
+"""Signs along the surface: sheets are followed, gaps are not crossed, creases turn, parts enclose positive volumes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from topokit.core.cloud import propagation
 from topokit.core.cloud.axes import surface_axes
+from topokit.core.cloud.dense import dense_cloud
+from topokit.core.cloud.patch_graph import relative_signs
 from topokit.core.cloud.planes import plane_axes
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 
 def plate(n_points: int, thickness: float) -> tuple[Floats, Floats]:
@@ -31,7 +35,7 @@ def plate(n_points: int, thickness: float) -> tuple[Floats, Floats]:
 
 def share_right(points: Floats, normals: Floats) -> float:
     surface = surface_axes(points)
-    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
+    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors, by_vote=True)
     return float(((found.normals * normals).sum(1) > 0).mean())
 
 
@@ -45,12 +49,64 @@ def test_a_thin_plate_is_oriented_across_its_edges() -> None:
     assert share_right(points, normals) > 0.99
 
 
+def test_right_angles_between_exact_faces_are_crossed() -> None:
+    points, normals = plate(40_000, 0.5)
+    surface = surface_axes(points)
+    axes = normals * np.random.default_rng(1).choice([-1.0, 1.0], len(points))[:, None]
+    found = propagate_signs(points, axes, surface.areas, surface.neighbors, by_vote=True)
+    assert ((found.normals * normals).sum(1) > 0).all()
+    spread = [np.ptp(normals[found.patches == patch], axis=0).max() for patch in np.unique(found.patches)]
+    assert 6 <= len(spread) < 12
+    assert max(spread) == 0
+
+
+def test_rough_points_are_cut_into_a_bounded_number_of_patches(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = sphere_samples(5000)
+    random = np.random.default_rng(0)
+    points = known.points.numpy() * (1 + 0.005 * random.normal(size=(5000, 1)))
+    surface = surface_axes(points)
+    counts: list[int] = []
+
+    def counted(count: int, first: Integers, second: Integers, votes: Floats) -> Floats:
+        counts.append(count)
+        return relative_signs(count, first, second, votes)
+
+    monkeypatch.setattr(propagation, "relative_signs", counted)
+    for most in (propagation._MOST_PATCHES, 50):
+        monkeypatch.setattr(propagation, "_MOST_PATCHES", most)
+        found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors, by_vote=True)
+        assert ((found.normals * known.normals.numpy()).sum(1) > 0).mean() > 0.999
+    assert counts[0] > 500
+    assert counts[1] == 51
+
+
+def test_the_number_of_patches_is_bounded_where_all_steps_weigh_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(propagation, "_MOST_PATCHES", 50)
+    is_light = propagation._decides_alone(np.full(1000, 0.3))
+    assert np.count_nonzero(~is_light) == 50
+
+
+def test_noisy_points_are_not_asked_to_vote() -> None:
+    known = sphere_samples(50_000)
+    spacing = (known.area / 50_000) ** 0.5
+    points = known.points.numpy() * (1 + 0.3 * spacing * np.random.default_rng(0).normal(size=(50_000, 1)))
+    surface, wrong = surface_axes(points), {}
+    assert not surface.planes.show_creases
+    for by_vote in (False, True):
+        found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors, by_vote=by_vote)
+        wrong[by_vote] = int(((found.normals * known.normals.numpy()).sum(1) < 0).sum())
+    assert wrong[False] < 0.001 * len(points)
+    assert wrong[False] < wrong[True]
+    chosen = dense_cloud(points, surface).propagation.normals
+    assert ((chosen * known.normals.numpy()).sum(1) < 0).sum() == wrong[False]
+
+
 def test_parts_are_told_apart_and_each_turned_outward() -> None:
     sphere, ring = sphere_samples(3000), torus_samples(5000)
     points = np.concatenate((sphere.points.numpy() - [5.0, 0, 0], ring.points.numpy()))
     normals = np.concatenate((sphere.normals.numpy(), ring.normals.numpy()))
     surface = surface_axes(points)
-    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
+    found = propagate_signs(points, surface.axes, surface.areas, surface.neighbors, by_vote=True)
     assert len(np.unique(found.parts[:3000])) == len(np.unique(found.parts[3000:])) == 1
     assert found.parts[0] != found.parts[-1]
     assert ((found.normals * normals).sum(1) > 0).all()

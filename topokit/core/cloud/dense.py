@@ -69,7 +69,7 @@ class DenseCloud:
     Attributes:
         points: (N, 3).
         surface: their axes, areas and noise.
-        propagation: signs of these axes along a spanning tree.
+        propagation: signs of these axes, near creases of those of the faces.
     """
 
     points: Floats
@@ -123,17 +123,17 @@ class DenseCloud:
 
 
 def dense_cloud(points: Floats, surface: SurfaceAxes, axes: Floats | None = None) -> DenseCloud:
-    """A cloud with its signs carried along a spanning tree.
+    """A cloud with signs carried along its surface.
 
     Args:
         points: (N, 3), distinct, centered.
         surface: their axes and areas.
         axes: (N, 3), unit normals of arbitrary sign, where known.
     """
-    if axes is not None:
-        return DenseCloud(points, surface, propagate_signs(points, axes, surface.areas, surface.neighbors))
-    signs = propagate_signs(points, surface.axes, surface.areas, surface.neighbors)
-    return DenseCloud(points, surface, signs if surface.faces is None else signs.sharpened(surface.faces))
+    if axes is None:
+        axes = surface.axes if surface.faces is None else surface.faces.sharpened(surface.axes)
+    by_vote = surface.planes.show_creases
+    return DenseCloud(points, surface, propagate_signs(points, axes, surface.areas, surface.neighbors, by_vote=by_vote))
 
 
 def is_noisy(surface: SurfaceAxes) -> bool:

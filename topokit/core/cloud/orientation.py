@@ -4,7 +4,7 @@ The winding number of a closed surface is one half on the surface. Solving w(p�
 conjugate gradients in a Fourier operator needs no normals; a few rounds of one steepest-descent step and a turn of
 every dipole along −∇w sharpen the result. This is done on a coarse grid (robust to noise) and on one as fine as the
 sample spacing (right on thin sheets). The candidates are averaged over neighbors that agree and compared by the cost of
-the best solid that they imply (`delaunay_cut`). Smooth samples need none of this: signs carried along a spanning tree
+the best solid that they imply (`delaunay_cut`). Smooth samples need none of this: signs carried along the surface
 are believed if the solid that they imply agrees with all of them.
 """
 
@@ -136,10 +136,12 @@ def _cleaned(points: Floats, normals: Floats, local: LocalGeometry) -> Floats:
 
 
 def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Orientation | None:
-    """Normals with the signs of a spanning tree, if the samples are smooth and the solid that they imply agrees."""
+    """Normals with signs carried along the surface, if the samples are smooth and the solid that they imply agrees."""
     if local.roughness > _SMOOTH:
         return None
-    found = propagate_signs(points, local.normals, local.areas, local.index[:, 1 : _GRAPH + 1].astype(np.int32))
+    axes = local.normals if local.faces is None else local.faces.sharpened(local.normals)
+    neighbors = local.index[:, 1 : _GRAPH + 1].astype(np.int32)
+    found = propagate_signs(points, axes, local.areas, neighbors, by_vote=local.faces is not None)
     normals = _cleaned(points, found.normals, local)
     cut = cut_complex(complex_, normals)
     surface, is_on = surface_normals(complex_, cut.inside, normals)

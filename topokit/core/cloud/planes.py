@@ -63,6 +63,11 @@ class Planes:
         self.axes[rows], self.thickness[rows] = plane_axes(patches)
         self.sizes[rows] = np.sqrt(((patches - center[:, None]) ** 2).sum((1, 2)) / patches.shape[1])
 
+    @property
+    def show_creases(self) -> bool:
+        """Whether neighborhoods are so flat that what is thicker is a crease rather than noise."""
+        return bool(np.median(self.thickness / np.maximum(self.sizes, 1e-300)) <= _SHOWS_PLANES)
+
     def misfit(self, points: Floats, index: Integers) -> Floats:
         """Thickness of planes (...) and distance of points (..., 3) from them, over the planes' sizes."""
         height = np.einsum("...a,...a->...", points - self.centers[index], self.axes[index])
@@ -97,7 +102,7 @@ def find_faces(points: Floats, wide: Planes, neighbors: NDArray[np.integer]) -> 
         wide: the points' own planes.
         neighbors: (N, k), nearest first, without the point itself; the nearest few make the narrow neighborhoods.
     """
-    if np.median(wide.thickness / np.maximum(wide.sizes, 1e-300)) > _SHOWS_PLANES:
+    if not wide.show_creases:
         return None
     own, narrow = np.arange(len(points)), _narrow_planes(points, neighbors)
     owner, misfit = own, narrow.misfit(points, own)

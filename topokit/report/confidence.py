@@ -39,16 +39,16 @@ class Doubt:
         return SCALES[self.scale](value)
 
 
-INTERCEPT = 5.35  # log-odds of an answer without any doubt
+INTERCEPT = 5.72  # log-odds of an answer without any doubt
 
 EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
     {
-        "cuts": Doubt("share of the Delaunay cuts of the points that give another integer", "x", 1.83),
-        "fields": Doubt("share of the winding-number fields that give another integer", "x", 1.31),
-        "handles": Doubt("handles and further surfaces that the answer counts", "log(1 + x)", 0.36),
-        "crowded_wide": Doubt("share of samples with an opposite sheet within 2.5 spacings", "log(1 + 100 x)", 0.84),
+        "cuts": Doubt("share of the Delaunay cuts of the points that give another integer", "x", 1.73),
+        "fields": Doubt("share of the winding-number fields that give another integer", "x", 1.12),
+        "handles": Doubt("handles and further surfaces that the answer counts", "log(1 + x)", 0.67),
+        "crowded_wide": Doubt("share of samples with an opposite sheet within 2.5 spacings", "log(1 + 100 x)", 0.91),
         "off_surface": Doubt(
-            "share of the samples off the surface, beyond what noise explains", "log(1 + 100 x)", 0.58
+            "share of the samples off the surface, beyond what noise explains", "log(1 + 100 x)", 0.79
         ),
     }
 )

@@ -82,8 +82,8 @@ def test_rough_points_are_cut_into_a_bounded_number_of_patches(monkeypatch: pyte
 
 def test_the_number_of_patches_is_bounded_where_all_steps_weigh_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(propagation, "_MOST_PATCHES", 50)
-    is_light = propagation._decides_alone(np.full(1000, 0.3))
-    assert np.count_nonzero(~is_light) == 50
+    is_within = propagation._within_patches(np.full(1000, 0.3))
+    assert np.count_nonzero(~is_within) == 50
 
 
 def test_noisy_points_are_not_asked_to_vote() -> None:

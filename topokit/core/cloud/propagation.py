@@ -14,6 +14,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,25 +69,35 @@ def propagate_signs(
     weight = _bending(points, axes, first, second)
     tree = minimum_spanning_tree(coo_array((weight, (first, second)), shape=(count, count)).tocsr()).tocoo()
     parts = connected_labels(count, tree.row, tree.col)
-    is_light, is_smooth = _decides_alone(tree.data) | (not by_vote), tree.data < _CREASE
-    patches = connected_labels(count, tree.row[is_light], tree.col[is_light])
-    normals = axes * _signs_along(tree.row[is_light], tree.col[is_light], patches, axes)[:, None]
-    between = np.flatnonzero(patches[first] != patches[second])
-    first, second = first[between], second[between]
-    votes = _mirrored(points, normals, first, second)
-    normals *= relative_signs(int(patches.max()) + 1, patches[first], patches[second], votes)[patches, None]
+    is_within, is_smooth = _within_patches(tree.data) | (not by_vote), tree.data < _CREASE
+    patches = connected_labels(count, tree.row[is_within], tree.col[is_within])
+    normals = axes * _signs_along(tree.row[is_within], tree.col[is_within], patches, axes)[:, None]
+    normals *= _voted_signs(points, normals, patches, first, second)[patches, None]
     volume = np.bincount(parts, areas * _dots(normals, points))
     normals *= np.where(volume < 0, -1.0, 1.0)[parts, None]
     return Propagation(normals, parts, connected_labels(count, tree.row[is_smooth], tree.col[is_smooth]))
 
 
-def _decides_alone(weight: Floats) -> NDArray[np.bool_]:
-    """Which steps of a tree (M,) lie within a patch: all but the heavy ones, and of these all but so many."""
-    is_light = weight < _SMOOTH
-    if len(weight) - np.count_nonzero(is_light) >= _MOST_PATCHES:
-        is_light[:] = True
-        is_light[np.argpartition(weight, -_MOST_PATCHES)[-_MOST_PATCHES:]] = False
-    return is_light
+def _within_patches(weight: Floats) -> NDArray[np.bool_]:
+    """Which steps of a tree (M,) lie within a patch: the light ones, and the lightest of others that are too many."""
+    is_within = weight < _SMOOTH
+    if len(weight) - np.count_nonzero(is_within) >= _MOST_PATCHES:
+        is_within[:] = True
+        is_within[np.argpartition(weight, -_MOST_PATCHES)[-_MOST_PATCHES:]] = False
+    return is_within
+
+
+def _voted_signs(
+    points: Floats, normals: Floats, patches: Integers, first: NDArray[np.int32], second: NDArray[np.int32]
+) -> Floats:
+    """Relative signs of patches: an edge between two votes with the cosine of one normal and the mirrored other one."""
+    between = np.flatnonzero(patches[first] != patches[second])
+    first, second = first[between], second[between]
+    votes = np.empty(len(first))
+    for edges, way, one, other in _blocks(points, normals, first, second):
+        along = _dots(way, one) * _dots(way, other) / np.maximum(_dots(way, way), 1e-300)
+        votes[edges] = _dots(one, other) - 2 * along
+    return relative_signs(int(patches.max()) + 1, patches[first], patches[second], votes)
 
 
 def _edges(neighbors: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -105,26 +116,21 @@ def _edges(neighbors: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.
 def _bending(points: Floats, axes: Floats, first: NDArray[np.int32], second: NDArray[np.int32]) -> Floats:
     """1 − |n·n′| plus the larger share by which each edge leaves one of its tangent planes."""
     bending = np.empty(len(first))
-    for start in range(0, len(first), _EDGES):
-        edges = slice(start, start + _EDGES)
-        way = points[second[edges]] - points[first[edges]]
-        one, other = axes[first[edges]], axes[second[edges]]
+    for edges, way, one, other in _blocks(points, axes, first, second):
         length = np.maximum(np.sqrt(_dots(way, way)), 1e-300)
         leaves = np.maximum(np.abs(_dots(way, one)), np.abs(_dots(way, other))) / length
         bending[edges] = 1 - np.abs(_dots(one, other)) + leaves + _SMALLEST_WEIGHT
     return bending
 
 
-def _mirrored(points: Floats, normals: Floats, first: NDArray[np.int32], second: NDArray[np.int32]) -> Floats:
-    """Cosines (E,) between one normal of each edge and the mirror image of the other in the plane between them."""
-    mirrored = np.empty(len(first))
+def _blocks(
+    points: Floats, normals: Floats, first: NDArray[np.int32], second: NDArray[np.int32]
+) -> Iterator[tuple[slice, Floats, Floats, Floats]]:
+    """Some of the edges (E,) at a time: which, the way along each, and the normals at its ends."""
     for start in range(0, len(first), _EDGES):
         edges = slice(start, start + _EDGES)
-        way = points[second[edges]] - points[first[edges]]
-        one, other = normals[first[edges]], normals[second[edges]]
-        along = _dots(way, one) * _dots(way, other) / np.maximum(_dots(way, way), 1e-300)
-        mirrored[edges] = _dots(one, other) - 2 * along
-    return mirrored
+        one, other = first[edges], second[edges]
+        yield edges, points[other] - points[one], normals[one], normals[other]
 
 
 def _dots(first: Floats, second: Floats) -> Floats:

@@ -34,7 +34,7 @@ class Threshold:
 
 
 _CALIBRATED = (
-    "of 1 615 answers to draws from real and random shapes, each judged by a model that has not seen its shape, 1 169 "
+    "of 1 615 answers to draws from real and random shapes, each judged by a model that has not seen its shape, 1 163 "
     "reach it with both families of votes; 12 of these are wrong, 7 of them of 150 to 1 500 points; from 0.82 on "
     "2 % are (benchmarks/confidence.py)"
 )

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces
+from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces, in_blocks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
 _GRAPH = 8  # neighbors that are kept for the graph, and of the disc whose area a point stands for
-_ROWS = 1 << 12  # points whose neighborhoods are in memory, and in the processor's cache, at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +63,13 @@ def surface_axes(points: Floats) -> SurfaceAxes:
     neighbors, radius = np.empty((count, _GRAPH), dtype=np.int32), np.empty(count)
     planes = Planes.empty(count)
 
-    def measure(start: int) -> None:
-        rows = order[start : start + _ROWS]
+    def measure(block: slice) -> None:
+        rows = order[block]
         distance, index = tree.query(points[rows], WIDE + 1)
         neighbors[rows] = index[:, 1 : _GRAPH + 1]
         radius[rows] = distance[:, _GRAPH]
         planes.fit(rows, points.take(index, axis=0))
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(measure, range(0, count, _ROWS)))
+    in_blocks(measure, count)
     roughness = float(np.median(planes.thickness / np.maximum(radius, 1e-300)))
     return SurfaceAxes(tree, neighbors, planes, np.pi * radius**2 / _GRAPH, roughness)

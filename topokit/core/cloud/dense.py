@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from topokit.core.cloud.axes import SurfaceAxes
 from topokit.core.cloud.cubes import CubeHierarchy, curve_order
 from topokit.core.cloud.downsampling import downsample, representatives, thin_along_curve
-from topokit.core.cloud.planes import plane_axes
+from topokit.core.cloud.planes import plane_axes, sharpened
 from topokit.core.cloud.propagation import Propagation, propagate_signs
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,7 @@ def dense_cloud(points: Floats, surface: SurfaceAxes, axes: Floats | None = None
         axes: (N, 3), unit normals of arbitrary sign, where known.
     """
     if axes is None:
-        axes = surface.axes if surface.faces is None else surface.faces.sharpened(surface.axes)
+        axes = sharpened(surface.axes, surface.faces)
     by_vote = surface.planes.show_creases
     return DenseCloud(points, surface, propagate_signs(points, axes, surface.areas, surface.neighbors, by_vote=by_vote))
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex, cut_complex, delaunay_complex, surface_normals
 from topokit.core.cloud.dipoles import DipoleSolver, border_mean
 from topokit.core.cloud.neighborhoods import LocalGeometry, clean_normals, unit
-from topokit.core.cloud.planes import turned_towards
+from topokit.core.cloud.planes import sharpened, turned_towards
 from topokit.core.cloud.poles import normals_by_poles
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.core.grid.grid import make_grid
@@ -132,14 +132,14 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
 def _cleaned(points: Floats, normals: Floats, local: LocalGeometry) -> Floats:
     """Normals (N, 3) of planes through neighbors whose normals agree, near creases of the planes of single faces."""
     normals = clean_normals(points, normals, local.index)
-    return normals if local.faces is None else local.faces.sharpened(normals)
+    return sharpened(normals, local.faces)
 
 
 def _propagated(points: Floats, local: LocalGeometry, complex_: DelaunayComplex) -> Orientation | None:
     """Normals with signs carried along the surface, if the samples are smooth and the solid that they imply agrees."""
     if local.roughness > _SMOOTH:
         return None
-    axes = local.normals if local.faces is None else local.faces.sharpened(local.normals)
+    axes = sharpened(local.normals, local.faces)
     neighbors = local.index[:, 1 : _GRAPH + 1].astype(np.int32)
     found = propagate_signs(points, axes, local.areas, neighbors, by_vote=local.faces is not None)
     normals = _cleaned(points, found.normals, local)

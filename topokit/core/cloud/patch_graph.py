@@ -48,13 +48,12 @@ class _Graph:
         self.queue: list[tuple[float, int, int]] = []
         for one, other, vote in zip(summed.row.tolist(), summed.col.tolist(), summed.data.tolist(), strict=True):
             self._set(one, other, vote)
-        heapq.heapify(self.queue)
         self.members = [[patch] for patch in range(count)]
         self.signs = np.ones(count)
 
     def _set(self, one: int, other: int, vote: float) -> None:
         self.votes[one][other] = self.votes[other][one] = vote
-        self.queue.append((-abs(vote), min(one, other), max(one, other)))
+        heapq.heappush(self.queue, (-abs(vote), min(one, other), max(one, other)))
 
     def merge_next(self) -> None:
         """Merge the patches whose votes are clearest; nothing if these have changed since."""
@@ -70,7 +69,5 @@ class _Graph:
         del self.votes[one][other], self.votes[other][one]
         for neighbor, theirs in self.votes[other].items():
             del self.votes[neighbor][other]
-            summed = self.votes[one].get(neighbor, 0.0) + sign * theirs
-            self.votes[one][neighbor] = self.votes[neighbor][one] = summed
-            heapq.heappush(self.queue, (-abs(summed), min(one, neighbor), max(one, neighbor)))
+            self._set(one, neighbor, self.votes[one].get(neighbor, 0.0) + sign * theirs)
         self.votes[other] = {}

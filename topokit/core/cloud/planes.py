@@ -118,11 +118,11 @@ def _narrow_planes(points: Floats, neighbors: NDArray[np.integer]) -> Planes:
     def fit(rows: slice) -> None:
         planes.fit(rows, np.concatenate((points[rows, None], points[neighbors[rows, :_NARROW]]), axis=1))
 
-    _in_blocks(fit, len(points))
+    in_blocks(fit, len(points))
     return planes
 
 
-def _in_blocks(act: Callable[[slice], None], count: int) -> None:
+def in_blocks(act: Callable[[slice], None], count: int) -> None:
     """Act on all rows, in blocks on all processors."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         list(threads.map(lambda start: act(slice(start, start + _ROWS)), range(0, count, _ROWS)))
@@ -143,7 +143,7 @@ def _adopted(
         best[rows][is_better] = np.take_along_axis(candidates, first, 1)[is_better, 0]
         least[rows][is_better] = fit[is_better]
 
-    _in_blocks(adopt, len(points))
+    in_blocks(adopt, len(points))
     return best, least
 
 
@@ -156,6 +156,11 @@ def plane_axes(patches: Floats) -> tuple[Floats, Floats]:
     axes = smallest_eigenvector(scaled, scaled[:, 0]).numpy()
     height = np.einsum("nka,na->nk", patches, axes)
     return axes, np.sqrt(np.einsum("nk,nk->n", height, height) / patches.shape[1])
+
+
+def sharpened(normals: Floats, faces: Faces | None) -> Floats:
+    """The normals (N, 3), near creases those of one face if faces are known; see `Faces.sharpened`."""
+    return normals if faces is None else faces.sharpened(normals)
 
 
 def turned_towards(axes: Floats, directions: Floats) -> Floats:

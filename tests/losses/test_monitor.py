@@ -14,6 +14,7 @@ from torch import Tensor, nn
 import topokit as tk
 from topokit.errors import InputError
 from topokit.losses import TopologyRecord
+from topokit.losses.field_loss import CountedSolid, FieldLoss
 from topokit.testing import torus_samples
 
 P = grid(16)
@@ -78,6 +79,31 @@ def test_the_genus_of_each_component_is_counted() -> None:
         assert tk.TopologyMonitor(tk.TopologyLoss(genus), every=1, patience=1)(0, field) == is_met
 
 
+class CavityLoss(FieldLoss):
+    """A loss of a stranger, as CONTRIBUTING.md invites: no cavities."""
+
+    def forward(self, source: Tensor | tk.Shape) -> Tensor:
+        return self.reduce(torch.stack([field.smoothed_euler(0.1) for field in self.source(source)]))
+
+    def is_met(self, solid: CountedSolid) -> bool:
+        return solid.betti[2] == 0
+
+
+def test_any_loss_on_fields_is_watched() -> None:
+    monitor = tk.TopologyMonitor(CavityLoss(5.0, 6, 48, "mean"), every=1, patience=1)
+    fields = [SHELL + 5, TORUS + 5, union(TORUS, SHELL) + 5, BALL + 5]
+    assert [monitor(step, field) for step, field in enumerate(fields)] == [False, True, False, True]
+    assert monitor.columns()["cavities"] == [1, 0, 1, 0]
+
+
+def test_a_loss_that_cannot_say_when_its_goal_is_met_is_not_made() -> None:
+    class Unfinished(FieldLoss):
+        pass
+
+    with pytest.raises(TypeError, match="is_met"):
+        Unfinished(0.0, 26, 64, "mean")
+
+
 def counted_euler(source: Tensor | tk.Shape, *arguments: Any, **options: Any) -> int:
     monitor = tk.TopologyMonitor(*arguments, every=1, **options)
     monitor(0, source)
@@ -108,7 +134,7 @@ def test_settings_are_those_of_the_loss_unless_given() -> None:
         ({"every": 0}, "every must be an integer of at least 1, not 0."),
         ({"patience": 1.5}, "patience must be an integer of at least 1, not 1.5."),
         ({"connectivity": 18}, "connectivity must be one of (6, 26), not 18."),
-        ({"loss": 2.0}, "loss must be a TopologyLoss, an EulerLoss or None, not 2.0."),
+        ({"loss": 2.0}, "loss must be a TopologyLoss, an EulerLoss, another FieldLoss or None, not 2.0."),
     ],
 )
 def test_wrong_options_are_named(options: dict[str, Any], message: str) -> None:

@@ -3,6 +3,7 @@
 from topokit.core.local.descent import integrity_well
 from topokit.losses.critical import CriticalPoints, critical_points
 from topokit.losses.euler import EulerLoss, euler_loss
+from topokit.losses.field_loss import CountedSolid, FieldLoss
 from topokit.losses.monitor import TopologyMonitor, TopologyRecord
 from topokit.losses.schedule import TauSchedule
 from topokit.losses.topology import TopologyLoss, topology_loss
@@ -10,8 +11,10 @@ from topokit.losses.tracker import SearchOptions
 from topokit.losses.winding import WindingLoss, winding_loss
 
 __all__ = [
+    "CountedSolid",
     "CriticalPoints",
     "EulerLoss",
+    "FieldLoss",
     "SearchOptions",
     "TauSchedule",
     "TopologyLoss",

@@ -11,7 +11,7 @@ from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, smoothed_euler
 from topokit.core.grid.field import Field
 from topokit.losses.checks import check_finite, check_tau
 from topokit.losses.critical_tracker import CriticalTracker
-from topokit.losses.field_loss import FieldLoss, Reduction, batch_shape
+from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.source import Source, plain_field
 from topokit.losses.tracker import SearchOptions, checked_search
 
@@ -85,6 +85,10 @@ class EulerLoss(FieldLoss):
             per_item = [self._smoothed_euler(field, tau) for field in self.source(source)]
             chi = torch.stack(per_item).reshape(batch_shape(source))
         return self.reduce((chi - self.target).square())
+
+    def is_met(self, solid: CountedSolid) -> bool:
+        """Whether the surface of a solid has the Euler characteristic `target`."""
+        return solid.euler == self.target
 
     def _smoothed_euler(self, field: Field, tau: float | None) -> Tensor:
         if self.tracker is not None and field.is_costly:

@@ -8,16 +8,13 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from numbers import Integral
 
-from torch import Tensor, nn
+from torch import nn
 
-from topokit.core.grid.components import betti_by_component, betti_numbers
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
-from topokit.core.homotopy.nearest_solid import Betti
 from topokit.errors import InputError
 from topokit.losses.checks import check_count
-from topokit.losses.euler import EulerLoss
+from topokit.losses.field_loss import CountedSolid, FieldLoss
 from topokit.losses.source import FieldSource, Source
-from topokit.losses.topology import TopologyLoss
 
 _log = logging.getLogger("topokit")
 
@@ -46,8 +43,8 @@ class TopologyMonitor:
     level INFO.
 
     Args:
-        loss: the loss in use, whose goal, level and resolution the monitor shares. Without one there is no goal, and
-            the topology is only recorded.
+        loss: the loss in use, any `FieldLoss`. The monitor asks it whether its goal is met, and shares its level and
+            resolution. Without one there is no goal, and the topology is only recorded.
         every: steps between counts.
         patience: number of successive counts that must meet the goal.
         level: of a plain field; by default that of the loss, or 0.
@@ -72,7 +69,7 @@ class TopologyMonitor:
 
     def __init__(
         self,
-        loss: TopologyLoss | EulerLoss | None = None,
+        loss: FieldLoss | None = None,
         *,
         every: int = 25,
         patience: int = 2,
@@ -80,8 +77,8 @@ class TopologyMonitor:
         connectivity: int | None = None,
         resolution: int | None = None,
     ) -> None:
-        if not isinstance(loss, TopologyLoss | EulerLoss | None):
-            raise InputError(f"loss must be a TopologyLoss, an EulerLoss or None, not {loss!r}.")
+        if not isinstance(loss, FieldLoss | None):
+            raise InputError(f"loss must be a TopologyLoss, an EulerLoss, another FieldLoss or None, not {loss!r}.")
         check_count("every", every, 1)
         check_count("patience", patience, 1)
         shared = loss.source if loss else FieldSource(0.0, DEFAULT_CONNECTIVITY, 64)
@@ -90,8 +87,7 @@ class TopologyMonitor:
             shared.connectivity if connectivity is None else connectivity,
             shared.resolution if resolution is None else resolution,
         )
-        self._goal = loss.goal if isinstance(loss, TopologyLoss) else None
-        self._target = loss.target if isinstance(loss, EulerLoss) else None
+        self._loss = loss
         self._every = every
         self._patience = patience
         self._n_met = 0
@@ -115,25 +111,17 @@ class TopologyMonitor:
         found = self._source(_call(source))
         if len(found) != 1:
             raise InputError(f"a monitor watches one field; got a batch of {len(found)}. Use one monitor for each.")
-        values, connectivity = found[0].detached(), found[0].connectivity
-        components, tunnels, cavities = betti_numbers(values, 0.0, connectivity).tolist()
-        record = TopologyRecord(int(step), 2 * (components - tunnels + cavities), components, tunnels, cavities)
+        solid = CountedSolid.of(found[0])
+        record = TopologyRecord(int(step), solid.euler, *solid.betti)
         self.history.append(record)
         _log.info("step %d: χ %d, components %d, tunnels %d, cavities %d", *asdict(record).values())
-        self._n_met = self._n_met + 1 if self._is_met(record, values, connectivity) else 0
+        self._n_met = self._n_met + 1 if self._loss is not None and self._loss.is_met(solid) else 0
         return self._n_met >= self._patience
 
     def columns(self) -> dict[str, list[int]]:
         """The history as columns, to plot or to write."""
         names = [field.name for field in fields(TopologyRecord)]
         return {name: [getattr(record, name) for record in self.history] for name in names}
-
-    def _is_met(self, record: TopologyRecord, values: Tensor, connectivity: int) -> bool:
-        if self._goal is None:
-            return record.euler == self._target
-        if (record.components, record.tunnels, record.cavities) != self._goal.betti:
-            return False
-        return not self._goal.by_component or _betti_by_size(values, connectivity) == self._goal.by_component
 
 
 def _call(source: Source | Callable[[], Source]) -> Source:
@@ -154,9 +142,3 @@ def _takes_no_arguments(function: Callable[..., object]) -> bool:
     except TypeError:
         return False
     return True
-
-
-def _betti_by_size(values: Tensor, connectivity: int) -> tuple[Betti, ...]:
-    """Betti numbers of each component, the largest first."""
-    rows = betti_by_component(values, 0.0, connectivity).tolist()
-    return tuple((components, tunnels, cavities) for components, tunnels, cavities in rows)

@@ -13,7 +13,7 @@ from torch import Tensor
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.homotopy.nearest_solid import Change
 from topokit.losses.checks import check_choice, check_tau
-from topokit.losses.field_loss import FieldLoss, Reduction, batch_shape
+from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.goal import Goal
 from topokit.losses.guard import margin_loss
 from topokit.losses.source import Source
@@ -110,6 +110,11 @@ class TopologyLoss(FieldLoss):
             self._warn(unreachable, batch)
         losses = [margin_loss(field, *found) for field, found in zip(fields, decisive, strict=True)]
         return self.reduce(torch.stack(losses).reshape(batch))
+
+    def is_met(self, solid: CountedSolid) -> bool:
+        """Whether a solid has the wanted Betti numbers, and where genera were given one by one, each component too."""
+        goal = self.goal
+        return solid.betti == goal.betti and (not goal.by_component or solid.by_component == goal.by_component)
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def _warn(self, unreachable: list[int], batch: tuple[int, ...]) -> None:

@@ -92,11 +92,6 @@ def thirty_three_points(rng: np.random.Generator, count: int) -> Floats:
     return sphere(rng, 33)
 
 
-def one_place(rng: np.random.Generator, count: int) -> Floats:
-    """The same point again and again."""
-    return np.ones((count, 3))
-
-
 def few_places(rng: np.random.Generator, count: int) -> Floats:
     """A hundred places, each many times."""
     return rng.normal(size=(100, 3))[rng.integers(0, 100, count)]
@@ -153,7 +148,6 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Floats]] = {
         thick_line,
         curve,
         thirty_three_points,
-        one_place,
         few_places,
         every_point_ten_times,
         outlier,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+import trimesh
 
 import topokit as tk
 from topokit.errors import InputError
@@ -57,8 +58,18 @@ def test_vertices_of_no_face_may_be_anywhere() -> None:
     surface = colored_surface(
         tk.from_mesh((np.concatenate((vertices, [[np.nan] * 3, [9.0, 9, 9]])), faces), n_samples=500)
     )
-    assert len(surface.positions) == len(vertices) + 2
+    np.testing.assert_array_equal(surface.positions, vertices)
+    np.testing.assert_array_equal(surface.faces, faces)
     assert all(np.isfinite(values).all() for values in surface.fields.values())
+
+
+def test_vertices_that_were_merged_are_written_once() -> None:
+    vertices, faces = icosphere(2)
+    corners = tk.from_mesh(vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3), n_samples=500)
+    surface = colored_surface(corners)  # as an STL file holds it
+    assert len(surface.positions) == len(vertices)
+    assert surface.faces is not None
+    assert trimesh.Trimesh(surface.positions, surface.faces, process=False).is_watertight
 
 
 def test_batches_are_refused() -> None:

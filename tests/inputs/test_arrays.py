@@ -227,9 +227,9 @@ def test_normals_that_are_given_win_over_those_of_an_object() -> None:
             "points must be a floating-point tensor, got torch.int32: call .double() or .float() on it.",
         ),
         (
-            trimesh.PointCloud(np.zeros((9, 3))),
+            trimesh.PointCloud(np.eye(9, 3)),
             "points has 9 points, too few for 20 neighbors each: give at least 21, "
-            "or pass a smaller n_neighbors (3 or more).",
+            "or pass a smaller n_neighbors (3 to 8).",
         ),
     ],
 )
@@ -258,7 +258,7 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
             "vertices: Refusing could not be converted through DLPack (the memory is of no kind that anybody knows); "
             "convert it to a tensor or a NumPy array first.",
         ),
-        ((np.zeros((3, 3)), ByArray(torch.zeros(1, 3))), "faces must be integers, got float32."),
+        ((np.zeros((3, 3)), ByArray(torch.full((1, 3), 0.5))), "faces must be whole numbers, got float32."),
     ],
 )
 def test_what_cannot_be_taken_as_a_mesh_is_explained(source: Any, message: str) -> None:

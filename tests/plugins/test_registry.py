@@ -423,8 +423,7 @@ def raising(error: Exception) -> Any:
         (
             lambda source: shape(points=POINTS[:5]),
             InputError,
-            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbors each: give at least 21, or pass a "
-            "smaller n_neighbors (3 or more).",
+            "{} (adapter 'blobs'): shape has 5 points, too few for 20 neighbors each: give at least 21.",
         ),
         (raising(KeyError("radius")), AdapterError, "adapter 'blobs' could not open {} (KeyError: 'radius')."),
         (raising(Own("halfway")), AdapterError, "adapter 'blobs' could not open {} (Own: halfway)."),
@@ -558,6 +557,19 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
         f"If you know what it is, pass adapter=…, one of {', '.join(map(repr, of_files))}. For a format of your own "
         "write an adapter: help(topokit.Adapter) shows how."
     )
+
+
+@pytest.mark.parametrize(("name", "hint"), [("part.STEP", "STL"), ("a.blend", "STL"), ("a.vtp", "PyVista")])
+def test_formats_of_other_programs_are_answered_in_a_line(name: str, hint: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"1 2 3\n")
+    found = message(UnknownFormatError, tmp_path / name)
+    assert hint in found
+    assert len(found) - len(str(tmp_path)) < 150
+
+
+def test_a_file_without_suffix_is_not_quoted_as_one(tmp_path: Path) -> None:
+    (tmp_path / "scan").write_bytes(b"1 2 3\n")
+    assert message(UnknownFormatError, tmp_path / "scan").startswith(f"{tmp_path / 'scan'}: it has no suffix")
 
 
 def test_folders_are_offered_to_adapters(tmp_path: Path) -> None:

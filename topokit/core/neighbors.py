@@ -17,7 +17,7 @@ from topokit.core.device_neighbors import device_neighbors
 from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.labels import connected_labels
 from topokit.core.residence import stays_on_device
-from topokit.core.samples import enough_neighbors
+from topokit.core.samples import enough_neighbors, enough_points
 from topokit.errors import InputError
 
 SearchMethod = Literal["auto", "kd-tree", "device"]
@@ -46,11 +46,7 @@ def nearest_neighbors(
     """
     n_points = points.shape[-2]
     enough_neighbors(n_neighbors)
-    if n_points <= n_neighbors:
-        raise InputError(
-            f"{n_points} points are too few for {n_neighbors} neighbors each: "
-            f"give at least {n_neighbors + 1} points, or pass a smaller n_neighbors (at least 3)."
-        )
+    enough_points(n_points, n_neighbors, "the cloud")
     if method not in get_args(SearchMethod):
         raise InputError(f"search method {method!r} is unknown; use 'auto', 'kd-tree' or 'device'.")
     items = points.detach().reshape(-1, n_points, 3)

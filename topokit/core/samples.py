@@ -13,6 +13,8 @@ from torch import Tensor
 from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
+_FEWEST = 9  # points from which fewer neighbors are worth recommending
+
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSamples:
@@ -20,7 +22,8 @@ class SurfaceSamples:
 
     Attributes:
         points: (..., N, 3), any unit of length.
-        normals: (..., N, 3) or None (then estimated by local PCA). Need not be unit vectors; must not be zero.
+        normals: (..., N, 3) or None (then estimated from local quadrics, or by PCA where that is asked for). Need not
+            be unit vectors; must not be zero.
         frames: (..., N, 3, 3) or None; rows t, t', n of an orthonormal moving frame. Takes precedence over `normals`.
         areas: (..., N) or None (then the tangent Voronoi areas), in squared units of length.
         oriented: True if the normals point outward. If False, or if there are no normals, neighboring normals are
@@ -180,6 +183,20 @@ def enough_neighbors(n_neighbors: object) -> None:
         raise InputError(f"n_neighbors is {n_neighbors!r}; an integer of at least 3 is needed to span a tangent plane.")
 
 
+def enough_points(n_points: int, n_neighbors: int, name: str) -> None:
+    """Check that there are more points than neighbors of each.
+
+    Raises:
+        InputError: if there are not; it recommends fewer neighbors only where some points are left to choose from.
+    """
+    if n_points <= n_neighbors:
+        fewer = f", or pass a smaller n_neighbors (3 to {n_points - 1})" if n_points >= _FEWEST else ""
+        raise InputError(
+            f"{name} has {n_points} point{'' if n_points == 1 else 's'}, too few for {n_neighbors} neighbors each: "
+            f"give at least {n_neighbors + 1}{fewer}."
+        )
+
+
 def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> SurfaceSamples:
     """The samples themselves.
 
@@ -189,11 +206,7 @@ def enough_samples(samples: SurfaceSamples, n_neighbors: int, name: str) -> Surf
     if not isinstance(samples, SurfaceSamples):
         raise InputError(f"samples must be a SurfaceSamples, got {type(samples).__name__}.")
     enough_neighbors(n_neighbors)
-    if samples.n_points <= n_neighbors:
-        raise InputError(
-            f"{name} has {samples.n_points} points, too few for {n_neighbors} neighbors each: "
-            f"give at least {n_neighbors + 1}, or pass a smaller n_neighbors (3 or more)."
-        )
+    enough_points(samples.n_points, n_neighbors, name)
     return samples
 
 

@@ -74,6 +74,8 @@ def curvature_of_one(shape: Exportable, done: str) -> Curvature:
 def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> ColoredSurface:
     """Curvature of a shape at its vertices if it has a mesh, else at its samples.
 
+    Vertices without a face, such as those that were merged with an equal one, are left out.
+
     A vertex has the distance-weighted mean of its nearest samples. Blue is negative, white zero, red positive; the
     scale ends at the 95th percentile of the absolute value, so that single peaks do not wash out the rest.
 
@@ -88,9 +90,10 @@ def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> Color
     table = torch.cat([part.reshape(len(positions), -1) for part in parts], dim=1).cpu().double().numpy()
     faces = None
     if shape.mesh is not None:
-        vertices = shape.mesh[0].detach().cpu().double().numpy()
-        table = interpolate(positions, table, np.nan_to_num(vertices))  # only vertices without faces may be NaN
-        positions, faces = vertices, shape.mesh[1].cpu().numpy()
+        used, corners = np.unique(shape.mesh[1].cpu().numpy(), return_inverse=True)
+        vertices, faces = shape.mesh[0].detach().cpu().double().numpy()[used], corners.reshape(-1, 3)
+        table = interpolate(positions, table, vertices)
+        positions = vertices
     fields = dict(zip(("gaussian", "mean", "total", "k_min", "k_max", "area"), table.T[3:], strict=True))
     lengths = np.linalg.norm(table[:, :3], axis=1, keepdims=True)
     normals = table[:, :3] / np.maximum(lengths, np.finfo(float).tiny)

@@ -14,6 +14,11 @@ from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
 
 _PACKED = "It is a zip archive: unpack it first. "
+_TO_EXPORT = dict.fromkeys(
+    (".step", ".stp", ".iges", ".igs", ".brep", ".3dm", ".sldprt", ".fbx", ".blend", ".usd", ".usdz", ".max"),
+    "Export the shape as STL or OBJ.",
+) | {".vtp": "Open it with PyVista and pass the mesh to topokit.from_mesh, or save it as .ply or .stl."}
+"""Formats that are often tried, by suffix, and what to do with them."""
 _HOW = "For a format of your own write an adapter: help(topokit.Adapter) shows how."
 
 
@@ -110,12 +115,17 @@ def _name(source: object) -> str:
 def _unknown_file(adapters: Sequence[Adapter], path: Path) -> UnknownFormatError:
     if path.is_dir():
         existing_file(path)  # its error says what to do with a folder
+    suffix = path.suffix.lower()
+    if suffix in _TO_EXPORT:
+        return UnknownFormatError(f"{path}: topokit does not read {suffix} files. {_TO_EXPORT[suffix]}")
     packed = _PACKED if head(path).startswith(ZIP) else ""
+    what = f"{suffix!r} is not a known format, and its content is not one either"
+    what = what if suffix else "it has no suffix, and its content is not a known format"
     known = sorted({suffix for adapter in adapters for suffix in adapter.suffixes})
     names = ", ".join(repr(one.name) for one in adapters if one.suffixes or not one.types)  # not objects alone
     return UnknownFormatError(
-        f"{path}: {path.suffix.lower() or 'a file without suffix'!r} is not a known format, and its content is not one "
-        f"either. {packed}Known: {', '.join(known)}. {_not_installed(adapters)}"
+        f"{path}: {what}. {packed}Known: {', '.join(known)}. "
+        f"{_not_installed(adapters)}"
         f"If you know what it is, pass adapter=…, one of {names}. {_HOW}"
     )
 

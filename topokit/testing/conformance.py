@@ -248,7 +248,8 @@ class AdapterConformance:
         if isinstance(refusal, AdapterError):
             raise AssertionError(
                 f"{what} makes open() raise {summary(refusal.__cause__)}. A TopokitError that names the file was "
-                'expected: read it in `with topokit.inputs.reading.reading(path, "the ... reader"):`.'
+                "expected: raise a ReadError yourself, or read in `with topokit.inputs.reading.reading(path, ...)`, "
+                "which makes one of ValueError, EOFError and OSError and leaves IndexError and TypeError as they are."
             ) from refusal
         assert refusal is not None or not must, (
             f"{what} is opened as if it were complete; a TopokitError that names the file was expected."

@@ -169,6 +169,12 @@ def test_draws_do_not_depend_on_when_they_are_made() -> None:
     assert torch.equal(default.samples.points, first.points)
 
 
+def test_faces_may_be_whole_numbers_of_a_floating_type() -> None:
+    vertices, faces = torus_mesh(10, 6)
+    assert tk.from_mesh(vertices, np.asarray(faces, dtype=np.float32)).report().euler == 0
+    assert tk.from_mesh(vertices, torch.as_tensor(faces).double()).report().euler == 0
+
+
 @pytest.mark.parametrize(
     ("source", "message"),
     [
@@ -180,9 +186,11 @@ def test_draws_do_not_depend_on_when_they_are_made() -> None:
         (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], [0, 1, -1, -1]]), "face 1 has 2 corners; at least 3 are needed"),
         (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], [0, -1, 1, 2]]), "a face has −1 between its corners"),
         (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], [0, 1, 2, -2]]), "face index -2 is out of range"),
-        (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], [0, 1, 2.5]]), "faces must be integers, got float64"),
+        (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], [0, 1, 2.5]]), "faces must be whole numbers, got float64"),
         (([[0.0, 0, 0]] * 4, [[0, 1, 2, 3], 7]), "faces could not be read as lists of vertex indices"),
-        (([[0.0, 0, 0]] * 3, [[0.0, 1.0, 2.0]]), "faces must be integers, got float64"),
+        (([[0.0, 0, 0]] * 3, [[0.0, 1.0, np.nan]]), "faces must be whole numbers, got float64"),
+        (([[0.0, 0, 0]] * 3, [[1, 2, 3]]), "face index 3 is out of range: .*subtract 1"),
+        ((np.zeros((3, 8)), [[0, 1, 2]]), r"got \(3, 8\)\. Transpose"),
         (([[0.0, 0, 0]] * 3, np.zeros((0, 3), int)), "the mesh has no faces"),
         (([[0.0, 0, 0]] * 3, [[0, 1, 2]]), "the mesh has no area"),
         (([[0.0, 0, 0]] * 3, [[0, 1, 1]]), "every face of the mesh names a vertex twice"),

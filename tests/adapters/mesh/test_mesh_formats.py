@@ -219,8 +219,8 @@ def test_the_surface_of_solid_cells(suffix: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.vtk", "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n", "open it with PyVista"),
-        ("a.vtp", '<?xml version="1.0"?><VTKFile type="PolyData">', "open it with PyVista"),
+        ("a.vtk", "# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n", "PyVista"),
+        ("a.vtu", '<?xml version="1.0"?><VTKFile type="PolyData">', "PyVista"),
         ("a.vtk", "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\n", "holds a volume"),
         ("a.vtu", '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><VTKFile>', "defines XML entities"),
         ("a.dae", '<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><COLLADA>', "defines XML entities"),

@@ -131,7 +131,12 @@ def test_batches_have_euler_but_no_single_report() -> None:
     [
         (np.zeros((5, 2)), r"points must have shape \(N, 3\).*got \(5, 2\)"),
         (torch.zeros(50, 3, dtype=torch.int32), "must be a floating-point tensor, got torch.int32: call .double"),
-        (SPHERE.points[:20], "20 points, too few for 20 neighbors each: give at least 21"),
+        (SPHERE.points[:20], "20 points, too few for 20 neighbors each: give at least 21, or .*3 to 19"),
+        (SPHERE.points[:4], "4 points, too few for 20 neighbors each: give at least 21[.]$"),
+        (SPHERE.points[:1], "1 point, too few"),
+        (SPHERE.points.T, r"got \(3, 400\)\. Transpose"),
+        (torch.cat((SPHERE.points, SPHERE.normals), dim=1), r"got \(400, 6\)\. Normals are the second argument"),
+        (torch.ones(100, 3), r"all 100 points are at \(1.0, 1.0, 1.0\)"),
         ([["a", "b", "c"]], "could not be read as numbers"),
         (None, r"from_points got NoneType; expected a path, a tensor or array \(N, 3\), anything with __dlpack__"),
     ],

@@ -66,8 +66,22 @@ def test_wrong_labels_are_refused(volume: np.ndarray, labels: object, said: str)
         tk.from_labels(volume, labels)  # type: ignore[arg-type]
 
 
+def test_negative_labels_are_solids_only_where_they_are_named() -> None:
+    volume = np.zeros((5, 5, 7), dtype=int)
+    volume[1:4, 1:4, 1:6], volume[2, 2, 1:6] = 7, -1
+    assert [*tk.from_labels(volume)] == [7]
+    assert tk.from_labels(volume, [-1])[-1].genus() == 0
+
+
+def test_curvature_of_labels_chooses_its_neighbors_as_that_of_volumes_does() -> None:
+    volume = np.zeros((8, 8, 8), dtype=int)
+    volume[2:6, 2:6, 2:6] = 3
+    assert tk.from_labels(volume)[3].n_neighbors is tk.from_voxels(volume, label=3).n_neighbors is None
+
+
 def test_a_volume_without_labels_is_refused() -> None:
-    with pytest.raises(tk.InputError, match="has no label"):
-        tk.from_labels(np.zeros((3, 3, 3)))
+    for empty in (np.zeros((3, 3, 3)), -np.ones((3, 3, 3))):
+        with pytest.raises(tk.InputError, match="has no label above 0"):
+            tk.from_labels(empty)
     with pytest.raises(tk.InputError, match="origin must be three numbers"):
         tk.from_labels(np.ones((3, 3, 3)), origin=(1, 2))  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from topokit.core.cloud.cubes import curve_order
 from topokit.core.cloud.downsampling import Criterion, distinct, downsample, thin_along_curve
-from topokit.testing import sphere_samples
+from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
 RANDOM_SEED = 0
@@ -47,6 +47,20 @@ def test_the_budget_is_used_and_not_exceeded(by: Criterion, n_samples: int) -> N
     np.testing.assert_array_equal(owner[kept], np.arange(len(kept)))
     again = downsample(points.copy(), n_samples, by, normals)
     np.testing.assert_array_equal(kept, again[0])
+
+
+@pytest.mark.parametrize("by", get_args(Criterion))
+def test_neither_rounding_nor_the_order_of_the_points_decides(by: Criterion) -> None:
+    """Most cubes hold two or three points here; the two points of a cube are an exact tie."""
+    samples, random = torus_samples(3000), np.random.default_rng(RANDOM_SEED)
+    assert samples.normals is not None
+    points, normals = samples.points.numpy(), samples.normals.numpy()
+    kept, _ = downsample(points, 1200, by, normals)
+    moved, _ = downsample(points + 1e-12 * random.standard_normal(points.shape), 1200, by, normals)
+    order = random.permutation(len(points))
+    permuted, _ = downsample(points[order], 1200, by, normals[order])
+    np.testing.assert_array_equal(moved, kept)
+    np.testing.assert_array_equal(np.sort(order[permuted]), kept)
 
 
 @pytest.mark.parametrize("by", ["feature-size", "curvature"])

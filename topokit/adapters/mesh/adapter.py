@@ -141,7 +141,8 @@ def _open(source: object, faces: object) -> tuple[str, Tensor, NDArray[np.int64]
 def _vertices(values: object) -> Tensor:
     vertices = as_floating(values, "vertices", "(V, 3)")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise InputError(f"vertices must have shape (V, 3), got {tuple(vertices.shape)}.")
+        hint = " Transpose them." if vertices.ndim == 2 and len(vertices) == 3 else ""
+        raise InputError(f"vertices must have shape (V, 3), got {tuple(vertices.shape)}.{hint}")
     if not vertices.is_floating_point():
         raise InputError(f"vertices must be floating point, got {vertices.dtype}: call .double() or .float() on them.")
     return vertices

@@ -77,9 +77,10 @@ def _check(vertices: Floats, faces: Integers) -> None:
         raise InputError("the mesh has no faces; for points alone use topokit.from_points.")
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
+        hint = " They seem to be numbered from 1: subtract 1." if (low, high) == (1, len(vertices)) else ""
         raise InputError(
             f"face index {low if low < 0 else high} is out of range: there are "
-            f"{plural(len(vertices), 'vertex', 'vertices')}, 0 … {len(vertices) - 1}."
+            f"{plural(len(vertices), 'vertex', 'vertices')}, 0 … {len(vertices) - 1}.{hint}"
         )
     broken = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     n_broken = int(np.isin(faces, broken).any(axis=1).sum()) if len(broken) else 0

@@ -25,7 +25,6 @@ def is_mesh(source: Path) -> bool:
 FINITE_ELEMENTS = {
     ".vtk": "vtk",
     ".vtu": "vtu",
-    ".vtp": "vtu",
     ".msh": "gmsh",
     ".inp": "abaqus",
     ".mesh": "medit",

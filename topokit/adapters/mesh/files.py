@@ -117,6 +117,8 @@ def _file_type(path: Path, beginning: bytes) -> str:
         return "ply"
     if beginning.startswith(b"glTF"):
         return "glb"
+    if b"<VTKFile" in beginning[:1024]:
+        return "vtu"
     if beginning.startswith(b"PK\x03\x04"):
         return "3mf"
     return path.suffix.lower().removeprefix(".")

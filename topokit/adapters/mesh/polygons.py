@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,14 +18,14 @@ def triangles(faces: object) -> Integers:
     """Faces of any number of corners as triangles.
 
     Args:
-        faces: integers in an array or tensor (F, n), where rows may end with −1 if n > 3, or a list of lists of
+        faces: whole numbers in an array or tensor (F, n), where rows may end with −1 if n > 3, or a list of lists of
             different lengths.
 
     Returns:
         (T, 3) int64. Polygons are cut into fans, which leaves V − E + F as it is.
 
     Raises:
-        InputError: if these are no integers, or a face has fewer than three corners.
+        InputError: if these are no whole numbers, or a face has fewer than three corners.
     """
     if isinstance(faces, list | tuple) and len({np.size(row) for row in faces}) > 1:
         return _fans_of_lists(faces)
@@ -70,7 +72,8 @@ def _fans_of_lists(faces: list[object] | tuple[object, ...]) -> Integers:
     return fans(_integers(corners), np.array([len(row) for row in rows]))
 
 
-def _integers(array: NDArray[np.generic]) -> Integers:
-    if not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"faces must be integers, got {array.dtype}.")
+def _integers(array: NDArray[Any]) -> Integers:
+    is_whole = array.dtype.kind in "iu" or (array.dtype.kind == "f" and bool((array == np.rint(array)).all()))
+    if not is_whole or not np.isfinite(array).all():
+        raise InputError(f"faces must be whole numbers, got {array.dtype}.")
     return array.astype(np.int64)

@@ -49,8 +49,9 @@ def from_points(
             point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo, with its normals if it has any; or a mesh of
             these, for its vertices alone. Tensors and objects with `__dlpack__` keep device, memory and floating type
             (half precision is widened to float32), and tensors their gradient; other arrays become float64.
-        normals: (..., N, 3), outward, any positive length; estimated by local PCA if None. Rows whose normal is zero or
-            not finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
+        normals: (..., N, 3), outward, any positive length. If None, `report()` finds them with their signs, and
+            `curvature()` estimates them by quadrics, or by local PCA on request. Rows whose normal is zero or not
+            finite are dropped if they are at most 1 %; otherwise all normals are ignored. The report notes either.
         lengths: (...) number of points of each cloud of a batch of clouds of different size, where the rows after them
             are padding, whose values do not matter. Nested tensors bring their own.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
@@ -66,7 +67,8 @@ def from_points(
 
     Raises:
         ReadError: if the file is missing or malformed.
-        InputError: on wrong shapes or integer tensors, if most rows are not finite, or if too few remain.
+        InputError: on wrong shapes or integer tensors, if most rows are not finite, if too few remain, or if all
+            points of a cloud on the CPU coincide.
 
     Example:
         >>> import topokit as tk, torch
@@ -106,14 +108,27 @@ def from_points(
         positions, directions = _valid_rows(positions, directions, notes)
     samples = SurfaceSamples(positions, directions, lengths=sizes)
     shape = Shape(samples, name=name, notes=tuple(notes), n_neighbors=n_neighbors)
+    if positions.ndim == 2 and not stays_on_device(positions):
+        _check_places(positions.detach())
     return shape.regularized() if regularize else shape
 
 
 def _tensor(values: object, name: str) -> Tensor:
     tensor = as_floating(values, name, "(N, 3)")
     if tensor.ndim < 2 or tensor.shape[-1] != 3:
-        raise InputError(f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(tensor.shape)}.")
+        raise InputError(
+            f"{name} must have shape (N, 3), or (..., N, 3) for batches, got {tuple(tensor.shape)}.{_columns(tensor)}"
+        )
     return tensor
+
+
+def _columns(tensor: Tensor) -> str:
+    """What to do with a table of another shape that is often meant to be points, or nothing."""
+    if tensor.ndim == 2 and len(tensor) == 3:
+        return " Transpose it."
+    if tensor.ndim == 2 and tensor.shape[1] == 6:
+        return " Normals are the second argument, from_points(a[:, :3], a[:, 3:]); leave colors out, a[:, :3]."
+    return ""
 
 
 def _unnested(points: object, normals: object, lengths: object) -> tuple[Tensor, Tensor | None, list[int]]:
@@ -139,6 +154,11 @@ def _of_object(source: object) -> tuple[Any, Any | None]:
             "__dlpack__ or __array__, a data frame, or a point cloud of open3d, trimesh, PyTorch3D, PyVista or vedo."
         )
     return found
+
+
+def _check_places(points: Tensor) -> None:
+    if bool((points == points[0]).all()):
+        raise InputError(f"all {len(points)} points are at {tuple(points[0].tolist())}: they sample no surface.")
 
 
 def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tuple[Tensor, Tensor | None]:

@@ -76,7 +76,6 @@ SPLATS = Adapter(
     can_open=is_splats,
     types=("topokit.adapters.splats.gaussians.GaussianSplats", "torch.nn.ParameterDict", "builtins.dict"),
     extra="topokit[splats]",
-    suffix_requires=((".sog", "PIL"),),
     differentiable=True,
     opener="topokit.adapters.splats.adapter:from_splats",
 )

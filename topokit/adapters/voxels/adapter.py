@@ -19,6 +19,7 @@ from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.images import image_of
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.samples import volume_samples
+from topokit.adapters.voxels.stored import not_a_volume
 from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
@@ -153,7 +154,7 @@ def open_volume(
 def _as_volume(volume: object) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
     if values.ndim != 3 or values.numel() == 0:
-        raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(values.shape)}.")
+        raise not_a_volume(values.shape)
     if values.dtype == torch.uint64:
         raise InputError(f"the volume is {values.dtype}, which cannot be ordered: convert it to int64 or float64.")
     return comparable(values)

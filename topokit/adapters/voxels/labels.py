@@ -18,7 +18,6 @@ from topokit.core.draws import deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.core.grid.grid import Spacing
 from topokit.core.grid.labels import Box, label_boxes
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.errors import InputError
 from topokit.inputs.remote import takes_addresses
 from topokit.report.wording import plural
@@ -36,7 +35,7 @@ def from_labels(
     connectivity: int = DEFAULT_CONNECTIVITY,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
-    n_neighbors: int = DEFAULT_NEIGHBORS,
+    n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
     dataset: str | None = None,
     block_voxels: int | None = None,
@@ -49,7 +48,8 @@ def from_labels(
 
     Args:
         volume: (X, Y, Z) whole numbers, as a tensor, an array or a path; 0 and NaN are background.
-        labels: the labels that are wanted, or "all".
+        labels: the labels that are wanted, or "all" positive ones: negative labels usually mean "ignore". Where 255
+            means that, name the others.
         spacing: as for `from_voxels`.
         connectivity: as for `from_voxels`, of each label by itself.
         origin: as for `from_voxels`.
@@ -104,10 +104,11 @@ def from_labels(
 
 def _wanted(name: str, labels: Labels, boxes: dict[int, Box]) -> list[int]:
     """The labels to open, each of which has a box."""
-    if not boxes:
-        raise InputError(f"{name} has no label: all its voxels are background, 0 or NaN.")
+    wanted = [label for label in boxes if label > 0] if labels == "all" else labels
+    if not boxes or not wanted:
+        raise InputError(f"{name} has no label above 0: all its voxels are background, 0, NaN or negative.")
     if labels == "all":
-        return list(boxes)
+        return [*wanted]
     if isinstance(labels, str) or not all(isinstance(label, Integral) for label in labels):
         raise InputError(f'labels must be "all" or whole numbers, got {labels!r}.')
     if missing := [str(label) for label in labels if label not in boxes]:

@@ -26,6 +26,12 @@ Values = NDArray[Any]
 Lengths = tuple[tuple[int, ...], ...]
 
 
+def not_a_volume(shape: Sequence[int]) -> InputError:
+    """The error about an array of another shape than (X, Y, Z)."""
+    hint = " One slice is a volume of one layer: pass image[None]." if len(shape) == 2 else ""
+    return InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.{hint}")
+
+
 class StoredVolume(ABC):
     """A volume that is read box by box.
 
@@ -46,7 +52,7 @@ class StoredVolume(ABC):
             InputError: if this is no volume of real numbers.
         """
         if len(shape) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
-            raise InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.")
+            raise not_a_volume(shape)
         x, y, z = map(int, shape)
         self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
         if self.dtype.kind not in "biuf":

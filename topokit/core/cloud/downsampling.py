@@ -16,6 +16,8 @@ Criterion = Literal["feature-size", "curvature", "even"]
 
 _ATTEMPTS = 16  # sides of cubes that are tried for even downsampling
 _ENOUGH = 0.9  # share of the wanted number of cubes that is near enough
+_TIE = 1e-6  # squared distances that differ by no larger share are equal: rounding must not decide between them
+_WAVES = np.array([4127.3, 6211.7, 5309.1])  # radians across the box along each axis; many even in a small cube
 
 
 def downsample(
@@ -48,6 +50,9 @@ def downsample(
 def representatives(points: Floats, cells: Integers) -> tuple[Integers, Integers]:
     """The point of each cell nearest to its centroid, ascending, and every point's position in that list.
 
+    The two points of a cell of two are equally far from their centroid. Of points that tie, the one is kept whose
+    place gives the smallest pseudo-random number, so that neither rounding nor the order of the points decides.
+
     Args:
         points: (N, 3).
         cells: (N,), cell of each point; every cell 0 … c−1 holds one.
@@ -55,11 +60,21 @@ def representatives(points: Floats, cells: Integers) -> tuple[Integers, Integers
     count = np.bincount(cells)
     centroid = np.stack([np.bincount(cells, column) for column in points.T], axis=1) / count[:, None]
     distance = ((points - centroid[cells]) ** 2).sum(1)
-    order = np.lexsort((distance, cells))
+    nearest = np.full(len(count), np.inf)
+    np.minimum.at(nearest, cells, distance)
+    is_farther = distance > (1 + _TIE) * nearest[cells]
+    order = np.lexsort((_mixed(points), is_farther, cells))
     kept = order[np.cumsum(count) - count]
     rank = np.empty_like(kept)
     rank[np.argsort(kept)] = np.arange(len(kept))
     return np.sort(kept), rank[cells]
+
+
+def _mixed(points: Floats) -> Floats:
+    """A number from −1 to 1 for each point (N, 3), continuous in its place, that looks random from cube to cube."""
+    low = points.min(0)
+    extent = float((points.max(0) - low).max()) or 1.0  # all in one place
+    return np.asarray(np.sin((points - low) / extent @ _WAVES))
 
 
 def even_cells(points: Floats, n_cells: int) -> Integers:

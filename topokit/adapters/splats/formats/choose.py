@@ -61,6 +61,6 @@ def _format_by_suffix(path: Path) -> Format:
     if suffix in _BY_SUFFIX:
         return _BY_SUFFIX[suffix]
     raise UnknownFormatError(
-        f"{path}: {suffix or 'a file without suffix'!r} is not a known splat format and its content is not one either. "
+        f"{path}: neither {repr(suffix) if suffix else 'its name'} nor its content is a known splat format. "
         f"Known: {', '.join(SPLATS.suffixes)}, or the folder of an unzipped .sog. {CONVERTER}"
     )

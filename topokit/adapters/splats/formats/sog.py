@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import ReadError
 from topokit.inputs.beside import file_beside
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members
@@ -31,7 +31,6 @@ def read_sog(path: Path) -> SplatTable:
     Raises:
         ReadError: if the archive, its meta.json or an image is missing, damaged, of another version, or does not fit
             the number of splats.
-        MissingDependencyError: without Pillow.
 
     Reference:
         https://developer.playcanvas.com/user-manual/gaussian-splatting/formats/sog/
@@ -135,10 +134,8 @@ def _image(name: str, content: bytes, count: int) -> Pixels:
     if not count <= width * height <= max(_FREE_PIXELS, _MOST_PER_SPLAT * count):
         raise ReadError(f"{name} has {width} × {height} pixels, which do not fit {count} splats.")
     require_expansion(name, 4 * width * height, len(content))
-    try:
-        from PIL import Image
-    except ImportError as error:
-        raise MissingDependencyError('Reading .sog needs Pillow: pip install "topokit[splats]".') from error
+    from PIL import Image
+
     damaged = (SyntaxError, Image.DecompressionBombError)
     with reading(name, "Pillow", *damaged), Image.open(io.BytesIO(content), formats=["WEBP"]) as image:
         return np.asarray(image.convert("RGBA")).reshape(-1, 4)[:count]

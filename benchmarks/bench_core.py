@@ -4,7 +4,7 @@
 
 Limits, for 10 000 and 100 000 points of a torus and k = 20:
 
-- `from_points(points, normals=normals).euler()` takes at most 6 times as long as building a KD-tree and querying it on
+- `from_points(points, normals).gauss_bonnet()` takes at most 6 times as long as building a KD-tree and querying it on
   all cores;
 - the backward pass takes at most 3 times as long as the forward pass with a graph;
 - a million points without a graph need less than 4 GiB;
@@ -52,7 +52,7 @@ def query(known: AnalyticSamples) -> None:
 
 
 def euler(known: AnalyticSamples, with_normals: bool = True) -> torch.Tensor:
-    return tk.from_points(known.points, normals=known.normals if with_normals else None).euler()
+    return tk.from_points(known.points, normals=known.normals if with_normals else None).gauss_bonnet()
 
 
 def seconds(work: Callable[[], object]) -> float:
@@ -95,7 +95,7 @@ def test_backward_is_at_most_three_forwards(n_points: int, with_normals: bool) -
         points = known.points.clone().requires_grad_()
         shape = tk.from_points(points, normals=known.normals if with_normals else None)
         started = perf_counter()
-        value = shape.euler()
+        value = shape.gauss_bonnet()
         forward = perf_counter() - started
         ratios.append(seconds(value.backward) / forward)
     print(f"\n{n_points} points: backward / forward {median(ratios):.2f}")

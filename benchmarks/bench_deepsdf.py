@@ -82,10 +82,10 @@ def main() -> None:
     once: dict[str, Callable[[], Tensor]] = {
         "smoothed_euler(tau) at 64³": lambda: shape.smoothed_euler(TAU),
         "smoothed_euler(tau) at 32³": lambda: tk.from_sdf(net, bounds=BOX, field_resolution=32).smoothed_euler(TAU),
-        "euler(boundary=False) of 10 000 new samples": lambda: shape.euler(boundary=False),
-        f"euler(boundary=False) of {FOLLOWED} samples that follow": lambda: tk.from_sdf(
+        "gauss_bonnet(20, boundary=False) of 10 000 new samples": lambda: shape.gauss_bonnet(20, boundary=False),
+        f"gauss_bonnet(20, boundary=False) of {FOLLOWED} samples that follow": lambda: tk.from_sdf(
             net, bounds=BOX, starts=samples
-        ).euler(boundary=False),
+        ).gauss_bonnet(20, boundary=False),
     }
     training_step()  # the first takes longer
     step = mean(seconds(training_step) for _ in range(3))

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from topokit.core.local.curvature import surface_curvature
+from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.local.self_optimization import self_optimize
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, torus_samples
@@ -23,11 +23,12 @@ SHAPES: dict[str, Callable[..., AnalyticSamples]] = {
     "ellipsoid": ellipsoid_samples,
     "torus": torus_samples,
 }
+PAPER = CurvatureSettings(normal_method="pca")
 
 
 def errors(samples: SurfaceSamples, known: AnalyticSamples, neighbors: Tensor) -> tuple[float, float]:
     """Mean angle to the true normals in degrees, and median error of K over the median of |K|."""
-    local = surface_curvature(samples, neighbors=neighbors)
+    local = surface_curvature(samples, PAPER, neighbors=neighbors)
     cosine = (local.normals * known.normals).sum(-1).abs().clamp(max=1)
     spread = float(known.gaussian.abs().median())
     curvature = float((local.gaussian - known.gaussian).abs().median()) / spread
@@ -44,9 +45,9 @@ def main() -> None:
             size = float((known.points.amax(0) - known.points.amin(0)).max())
             jitter = torch.randn(known.points.shape, generator=generator, dtype=torch.float64)
             start = SurfaceSamples(known.points + noise * size * jitter)
-            local = surface_curvature(start)
+            local = surface_curvature(start, PAPER)
             before = errors(start, known, local.neighbors)
-            found = self_optimize(start, float(known.euler), neighbors=local.neighbors)
+            found = self_optimize(start, float(known.euler), settings=PAPER, neighbors=local.neighbors)
             after = errors(found.samples, known, local.neighbors)
             first = float(found.history[0])
             print(

@@ -48,6 +48,7 @@ QUESTIONS: dict[str, Callable[[Any], object]] = {
     "locate": lambda shape: shape.report(locate=True),
     "genus": lambda shape: shape.genus(),
     "euler": lambda shape: shape.euler(),
+    "gauss_bonnet": lambda shape: shape.gauss_bonnet(),
     "curvature": lambda shape: shape.curvature(),
     "handles": lambda shape: shape.handles(),
     "boundaries": lambda shape: shape.boundaries(),

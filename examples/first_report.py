@@ -25,7 +25,7 @@ def main() -> None:
     print(f"  Gaussian curvature from {smallest:.2f} to {largest:.2f} (exact: {-1 / 0.24:.2f} to {1 / 0.56:.2f})")
     print(f"  area {curvature.area.sum():.3f} (exact: {1.6 * math.pi**2:.3f})\n")
 
-    estimate, refined = cloud.euler(), cloud.refined_euler()
+    estimate, refined = cloud.gauss_bonnet(), cloud.refined_euler()
     print(f"χ from curvature: {estimate:.3f}; after self-optimization: {refined:.3f}")
     estimate.backward()
     assert points.grad is not None

@@ -89,7 +89,7 @@ def main() -> None:
         loss.backward()
         optimizer.step()
         trained = now(device)
-        seen.append(tk.from_points(points.detach()).euler(boundary=False))
+        seen.append(tk.from_points(points.detach()).gauss_bonnet(20, boundary=False))
         errors.append(loss.detach())
         training, watching = training + trained - started, watching + now(device) - trained
     history = torch.stack(seen)

@@ -41,7 +41,7 @@ def main() -> None:
     shape = tk.from_sdf(net, resolution=256)
     print(shape.report())
 
-    print(f"\nGauss–Bonnet on {shape.samples.n_points} samples: {shape.euler().item():+.3f}")
+    print(f"\nGauss–Bonnet on {shape.samples.n_points} samples: {shape.gauss_bonnet().item():+.3f}")
     smoothed = shape.smoothed_euler()
     print(f"χ averaged over levels near 0:     {smoothed.item():+.3f}")
 

@@ -43,7 +43,7 @@ def numbers_without_unit(shape: tk.Shape) -> Tensor:
 
 
 DIFFERENTIABLE: dict[str, Callable[[tk.Shape], Tensor]] = {
-    "euler": lambda shape: shape.euler(12),
+    "euler": lambda shape: shape.gauss_bonnet(12),
     "refined_euler": lambda shape: shape.refined_euler(2.0, 12, max_steps=2),
     "curvature": numbers_without_unit,
 }
@@ -97,6 +97,7 @@ def turned(shape: tk.Shape) -> None:
 QUESTIONS: dict[str, Callable[[tk.Shape, Path], Any]] = {
     "report": lambda shape, _: shape.report(details=True, locate=True).to_json(),
     "genus": lambda shape, _: shape.genus(),
+    "euler": lambda shape, _: shape.euler(),
     "oriented": lambda shape, _: turned(shape),
     "regularized": lambda shape, _: moved(shape),
     "downsample": lambda shape, _: [shape.downsample(100, by=by) for by in ("feature-size", "curvature", "even")],
@@ -106,7 +107,7 @@ QUESTIONS: dict[str, Callable[[tk.Shape, Path], Any]] = {
     "handles": lambda shape, _: shape.handles(),
     "refined_euler": lambda shape, _: shape.refined_euler(),
     "smoothed_euler": lambda shape, _: shape.smoothed_euler(),
-    "to": lambda shape, _: shape.to(torch.float64).euler(),
+    "to": lambda shape, _: shape.to(torch.float64).gauss_bonnet(),
     "picture": lambda shape, _: shape.picture(),
     "save_ply": lambda shape, folder: shape.save_ply(folder / "out.ply"),
     "save_html": lambda shape, folder: shape.save_html(folder / "out.html"),
@@ -140,8 +141,8 @@ def test_a_bad_item_of_a_batch_is_refused_by_name_and_does_not_spoil_the_others(
     with pytest.raises(tk.InputError, match=r"NaN or infinite|whose squares leave"):
         tk.from_points(batch)
     good = torch.stack((batch[0], torch.ones(200, 3), batch[2])).requires_grad_()
-    estimates = tk.from_points(good).euler()
-    alone = tk.from_points(batch[0]).euler()
+    estimates = tk.from_points(good).gauss_bonnet()
+    alone = tk.from_points(batch[0]).gauss_bonnet()
     assert float(estimates[0].detach()) == pytest.approx(float(alone), abs=1e-5)
     estimates.sum().backward()
     assert not has_nan_gradient(good)
@@ -158,8 +159,8 @@ def test_the_unit_of_length_does_not_matter_or_is_refused(exponent: int, double:
         return
     if not double and abs(exponent) > 55:  # where squares begin to leave the type
         return
-    estimate = tk.from_points(points * 2.0**exponent).euler(8)
-    assert float(estimate) == pytest.approx(float(tk.from_points(points).euler(8)), rel=1e-9 if double else 1e-4)
+    estimate = tk.from_points(points * 2.0**exponent).gauss_bonnet(8)
+    assert float(estimate) == pytest.approx(float(tk.from_points(points).gauss_bonnet(8)), rel=1e-9 if double else 1e-4)
 
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-100, 1e-30, 1e30, 1e100, 1e300])
@@ -185,6 +186,6 @@ def test_degenerate_triangles_leave_finite_gradients() -> None:
     points = torch.cat((collapsed, sliver)).requires_grad_()
     n = len(collapsed)
     shape = tk.from_mesh(points, [*faces.tolist(), [n, n + 1, n + 2]], n_samples=200)
-    shape.euler().backward()
+    shape.gauss_bonnet().backward()
     assert points.grad is not None
     assert points.grad.isfinite().all()

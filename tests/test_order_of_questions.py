@@ -37,10 +37,11 @@ SHAPES: dict[str, Callable[[], tk.Shape]] = {
     "function": lambda: tk.from_sdf(lambda p: p.norm(dim=-1) - 0.6, resolution=128, n_samples=300, field_resolution=16),
 }
 QUESTIONS: dict[str, Callable[[tk.Shape], Any]] = {
-    "euler": lambda shape: shape.euler(),
-    "euler of few neighbors": lambda shape: shape.euler(5),
-    "euler of many neighbors": lambda shape: shape.euler(40, solver="symmetrized"),
-    "euler by Monte Carlo": lambda shape: shape.euler(12, area_method="monte-carlo", area_resolution=8),
+    "integer": lambda shape: shape.euler(),
+    "euler": lambda shape: shape.gauss_bonnet(),
+    "euler of few neighbors": lambda shape: shape.gauss_bonnet(5),
+    "euler of many neighbors": lambda shape: shape.gauss_bonnet(40, solver="symmetrized"),
+    "euler by Monte Carlo": lambda shape: shape.gauss_bonnet(12, area_method="monte-carlo", area_resolution=8),
     "curvature": lambda shape: shape.curvature().gaussian,
     "curvature of few neighbors": lambda shape: shape.curvature(7, solver="commuting").mean,
     "refined": lambda shape: shape.refined_euler(max_steps=2),
@@ -50,8 +51,8 @@ QUESTIONS: dict[str, Callable[[tk.Shape], Any]] = {
     "report": lambda shape: without_times(shape.report()),
     "oriented": lambda shape: shape.oriented().samples.known_normals(),
     "samples": lambda shape: shape.samples.points,
-    "double": lambda shape: shape.to(torch.float64).euler(9),
-    "name": lambda shape: shape.replace(name="other", n_neighbors=6).euler(),
+    "double": lambda shape: shape.to(torch.float64).gauss_bonnet(9),
+    "name": lambda shape: shape.replace(name="other", n_neighbors=6).gauss_bonnet(),
     "text": lambda shape: str(shape.replace(name="other")).partition(",")[0],
 }
 
@@ -112,21 +113,21 @@ def test_the_report_of_a_closed_cloud_ignores_the_number_of_neighbors(
 def test_a_change_in_place_is_seen() -> None:
     points = sphere_samples(500).points.clone()
     shape = tk.from_points(points)
-    before = float(shape.euler())
+    before = float(shape.gauss_bonnet())
     points *= torch.tensor([1.0, 1.0, 0.5])
-    assert float(shape.euler()) == float(tk.from_points(points).euler()) != before
+    assert float(shape.gauss_bonnet()) == float(tk.from_points(points).gauss_bonnet()) != before
 
 
 def test_tensors_of_inference_mode_are_measured() -> None:
     points = sphere_samples(300).points
     with torch.inference_mode():
         shape = tk.from_points(points.clone())
-        value = float(shape.euler())
-    assert value == float(shape.euler()) == float(tk.from_points(points).euler())
+        value = float(shape.gauss_bonnet())
+    assert value == float(shape.gauss_bonnet()) == float(tk.from_points(points).gauss_bonnet())
     moving = tk.from_points(points.clone().requires_grad_())
     with torch.inference_mode():
-        moving.euler()
-    moving.euler().backward()
+        moving.gauss_bonnet()
+    moving.gauss_bonnet().backward()
     assert moving.samples.points.grad is not None
 
 

@@ -87,7 +87,7 @@ def test_what_bounds_no_solid_is_unsure_with_the_reason(points: torch.Tensor) ->
     assert (report.verdict, report.closed, report.genus) == ("unsure", False, None)
     assert any("No solid can be found from these points" in reason for reason in report.reasons)
     json.loads(report.to_json())
-    assert bool(shape.euler().isfinite())
+    assert bool(shape.gauss_bonnet().isfinite())
     with pytest.raises(InputError):
         shape.oriented()
     with pytest.raises(TopokitError):
@@ -149,9 +149,9 @@ def test_estimates_of_a_shape_are_what_their_names_say() -> None:
     shape = tk.from_points(points)
     for options in ({}, {"normal_method": "pca"}):
         local = shape.curvature(**options)
-        assert torch.equal(shape.euler(**options), (local.gaussian * local.area).sum() / (2 * torch.pi))
-    assert 0.001 < abs(float(shape.euler()) - 2) < 0.02
-    assert abs(float(shape.euler(normal_method="pca")) - 2) > 0.05
+        assert torch.equal(shape.gauss_bonnet(**options), (local.gaussian * local.area).sum() / (2 * torch.pi))
+    assert 0.001 < abs(float(shape.gauss_bonnet()) - 2) < 0.02
+    assert abs(float(shape.gauss_bonnet(normal_method="pca")) - 2) > 0.05
     assert float(shape.refined_euler()) == pytest.approx(2, abs=1e-3)
     assert float(shape.refined_euler(1.5)) == pytest.approx(1.5, abs=1e-3)
     for step in ("polyak", "gradient"):
@@ -164,7 +164,7 @@ def test_estimates_of_a_shape_are_what_their_names_say() -> None:
 
 def test_methods_reach_curvature_and_euler() -> None:
     shape = tk.from_points(torus_samples(1500).points)
-    plain, default = shape.curvature(), float(shape.euler())
+    plain, default = shape.curvature(), float(shape.gauss_bonnet())
     for options in (
         {"n_neighbors": 8},
         {"n_neighbors": 30},
@@ -176,14 +176,14 @@ def test_methods_reach_curvature_and_euler() -> None:
     ):
         changed = shape.curvature(**options)  # type: ignore[arg-type]
         assert not torch.equal(changed.gaussian * changed.area, plain.gaussian * plain.area), options
-        value = float(shape.euler(**options))  # type: ignore[arg-type]
+        value = float(shape.gauss_bonnet(**options))  # type: ignore[arg-type]
         assert value != default, options
         assert value == pytest.approx(float((changed.gaussian * changed.area).sum() / (2 * torch.pi)))
-    coarse, fine = (float(shape.euler(area_method="monte-carlo", area_resolution=n)) for n in (4, 64))
+    coarse, fine = (float(shape.gauss_bonnet(area_method="monte-carlo", area_resolution=n)) for n in (4, 64))
     assert abs(fine - default) < abs(coarse - default)
     for wrong in (2, 0, -1):
         with pytest.raises(InputError, match="at least 3"):
-            shape.euler(wrong)
+            shape.gauss_bonnet(wrong)
 
 
 def test_shapes_move_between_types() -> None:
@@ -193,7 +193,7 @@ def test_shapes_move_between_types() -> None:
     assert single.mesh is not None
     assert (single.mesh[0].dtype, single.mesh[1].dtype) == (torch.float32, torch.int64)
     assert single.report().euler == shape.report().euler == 0
-    assert float(single.euler()) == pytest.approx(float(shape.euler()), abs=1e-2)
+    assert float(single.gauss_bonnet()) == pytest.approx(float(shape.gauss_bonnet()), abs=1e-2)
 
 
 def test_counted_shapes_pay_for_nothing_that_was_not_asked() -> None:

@@ -28,7 +28,7 @@ def test_a_question_without_gradients_does_not_remove_them(mode: Callable[[], Ab
     with mode():
         shape.report(details=True)
         shape.curvature()
-    shape.euler().backward()
+    shape.gauss_bonnet().backward()
     assert vertices.grad is not None
     assert float(vertices.grad.norm()) > 0
 
@@ -53,7 +53,7 @@ def test_self_optimization_works_in_inference_mode() -> None:
 )
 def test_shapes_and_reports_are_pickled(shape: tk.Shape) -> None:
     again = pickle.loads(pickle.dumps(shape))
-    assert torch.equal(again.euler(), shape.euler())
+    assert torch.equal(again.gauss_bonnet(), shape.gauss_bonnet())
     report = again.report()
     assert report == shape.report() == pickle.loads(pickle.dumps(report))
     assert json.loads(report.to_json()) == report.to_dict()
@@ -76,7 +76,7 @@ def test_numbers_of_neighbors_are_checked_wherever_they_come_in(wrong: object) -
     asks: list[Callable[[], object]] = [
         lambda: tk.from_points(points, n_neighbors=wrong),  # type: ignore[arg-type]
         lambda: tk.from_points(points).replace(n_neighbors=wrong),
-        lambda: tk.from_points(points).euler(wrong),  # type: ignore[arg-type]
+        lambda: tk.from_points(points).gauss_bonnet(wrong),  # type: ignore[arg-type]
     ]
     for ask in asks:
         with pytest.raises(tk.InputError, match="an integer of at least 3"):
@@ -87,6 +87,6 @@ def test_resolutions_are_checked_and_attributes_stay() -> None:
     shape = tk.from_points(torus_samples(300).points)
     for wrong in (-1, 0, 1, 1.5):
         with pytest.raises(tk.InputError, match="area_resolution"):
-            shape.euler(area_method="monte-carlo", area_resolution=wrong)  # type: ignore[arg-type]
+            shape.gauss_bonnet(area_method="monte-carlo", area_resolution=wrong)  # type: ignore[arg-type]
     with pytest.raises(AttributeError, match="immutable"):
         del shape.name

@@ -11,6 +11,10 @@ class InputError(TopokitError, ValueError):
     """The data given cannot be used: wrong shape, wrong type, too few points, not finite."""
 
 
+class NoSamplesError(InputError):
+    """The shape has a report, but no samples: its volume is counted block by block and never held as a whole."""
+
+
 class ReadError(TopokitError, OSError):
     """A file is missing, unreadable, truncated or not what its content claims to be."""
 

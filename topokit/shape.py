@@ -15,8 +15,6 @@ from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
 from topokit.errors import InputError
 from topokit.handle import Handle, handles_of
-from topokit.report.cloud import cloud_report
-from topokit.report.counted import counted_report
 from topokit.report.details import with_details
 from topokit.report.examination import outward_samples
 from topokit.report.locate import with_location
@@ -47,8 +45,8 @@ class Shape(DifferentiableShape):
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
-        n_neighbors: number of nearest neighbors for `curvature`, `euler` and `refined_euler`. None, the default, takes
-            20; for `curvature` more where the samples are noisy.
+        n_neighbors: number of nearest neighbors for `curvature`, `gauss_bonnet` and `refined_euler`. None, the default,
+            takes 20, or more where the samples are noisy.
     """
 
     def genus(self) -> int:
@@ -72,12 +70,11 @@ class Shape(DifferentiableShape):
         Raises:
             InputError: if the samples are batched.
         """
-        if self.counted is not None:
-            report = counted_report(self.name, self.notes, self.counted)
-        else:
-            report = cloud_report(self.name, self.notes, self._only_examination())
+        if self.counted is None:
+            self._refuse_batches()
+        [report] = self._reports()
         report = with_location(report, self) if locate else report
-        return with_details(report, self) if details else report
+        return with_details(report, self, self._automatic_neighbors()) if details else report
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.

@@ -185,12 +185,15 @@ class ShapeData:
             found = nearest_neighbors(samples.points, k, lengths=samples.lengths)
         return found.reshape(-1, samples.n_points, k)
 
-    def _only_examination(self) -> Examination:
+    def _refuse_batches(self) -> None:
         if self.samples.points.ndim != 2:
             raise InputError(
                 f"a report is about one shape; the samples are batched, {tuple(self.samples.points.shape)}. "
                 "Ask euler() for all of them, or make a shape of each item."
             )
+
+    def _only_examination(self) -> Examination:
+        self._refuse_batches()
         return self._examinations()[0]
 
     def _surface_found(self) -> TriangleSurface | None:

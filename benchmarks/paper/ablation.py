@@ -72,7 +72,7 @@ def optimization_table(options: Options) -> Table:
         f"k = {K}, one draw",
         ["column", "χ", "error of K"],
     )
-    settings = CurvatureSettings(K)
+    settings = CurvatureSettings(K, normal_method="pca")
     for name in ("B", "D", "E"):
         known, points, index = draw(name, options)
         start = SurfaceSamples(points)

@@ -55,7 +55,7 @@ def by_curvature(cloud: Cloud) -> Iterator[Answer]:
     named = {
         **{f"χ⁽⁰⁾, true normals, k = {k}": ("given", k) for k in K_VALUES},
         **{f"χ⁽⁰⁾, PCA normals, k = {k} (the paper)": ("pca", k) for k in K_VALUES},
-        "χ⁽⁰⁾, quadric normals, k = 20 (`euler()`)": ("quadric", 20),
+        "χ⁽⁰⁾, quadric normals, k = 20 (`gauss_bonnet(20)`)": ("quadric", 20),
     }
     for name, (kind, k) in named.items():
         yield (name, *timed(lambda kind=kind, k=k: estimate(kind, cloud.points, cloud.normals, k)))

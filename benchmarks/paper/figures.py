@@ -67,7 +67,7 @@ def draw_barcode(axes: Any, points: Tensor) -> None:
     axes.invert_yaxis()
     axes.set_yticks([])
     axes.set_xlabel("α", fontsize=8)
-    euler = f"{float(tk.from_points(points).euler()):.2f}".replace("-", "−")
+    euler = f"{float(tk.from_points(points).gauss_bonnet(20)):.2f}".replace("-", "−")
     axes.set_title(f"its 20 longest bars; χ⁽⁰⁾ = {euler}", fontsize=9)
 
 

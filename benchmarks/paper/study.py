@@ -112,7 +112,8 @@ def _jets(known: AnalyticSamples, points: Tensor, neighbors: Tensor) -> Errors:
 
 def _corrected(known: AnalyticSamples, points: Tensor, neighbors: Tensor) -> Errors:
     """With PCA normals of the same neighbors, turned outward by the truth: the kindest way to have oriented points."""
-    normals = surface_curvature(SurfaceSamples(points), neighbors=neighbors).normals
+    paper = CurvatureSettings(normal_method="pca")
+    normals = surface_curvature(SurfaceSamples(points), paper, neighbors=neighbors).normals
     normals = normals * torch.where((normals * known.normals).sum(-1, keepdim=True) < 0, -1.0, 1.0)
     return errors(known, *corrected_curvature(points, normals, neighbors), normals)
 

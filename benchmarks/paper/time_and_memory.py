@@ -31,7 +31,7 @@ def run():
     if what == "curvature":
         tk.from_points(points).curvature(k)
     else:
-        value = tk.from_points(points, known.normals.to(device)).euler(k, area_method=area)
+        value = tk.from_points(points, known.normals.to(device)).gauss_bonnet(k, area_method=area)
         if what == "backward":
             value.backward()
     if device == "cuda":

@@ -17,7 +17,7 @@ few = settings(max_examples=15, deadline=None, derandomize=True)
 
 
 def euler(points: Tensor, normals: Tensor | None = None) -> float:
-    return float(tk.from_points(points, normals).euler())
+    return float(tk.from_points(points, normals).gauss_bonnet())
 
 
 def rotation(seed: int) -> Tensor:

@@ -23,7 +23,7 @@ from topokit.testing import as_on_accelerator, count_host_visits, ellipsoid_samp
 
 
 def euler_of(points: Tensor, normals: Tensor | None) -> Tensor:
-    return tk.from_points(points, normals).euler(boundary=False)
+    return tk.from_points(points, normals).gauss_bonnet(20, boundary=False)
 
 
 def mean_curvature_of(points: Tensor, normals: Tensor | None) -> Tensor:
@@ -47,7 +47,7 @@ def test_all_work_is_done_where_the_samples_are() -> None:
     """Tensors on the device "meta" have no values: whatever looks at values, or mixes devices, raises."""
     points, normals = (torch.randn(3, 200, 3, device="meta") for _ in range(2))
     points.requires_grad_()
-    value = tk.from_points(points, normals).euler(boundary=False)
+    value = tk.from_points(points, normals).gauss_bonnet(20, boundary=False)
     assert value.device.type == "meta"
     assert value.shape == (3,)
     value.sum().backward()
@@ -126,15 +126,15 @@ def test_clouds_of_different_size_are_each_what_they_are_alone(with_normals: boo
     points.requires_grad_()
     with as_on_accelerator() if on_device else torch.enable_grad():
         batch = tk.from_points(points, normals if with_normals else None, lengths=lengths)
-        together = batch.euler(boundary=False)
+        together = batch.gauss_bonnet(20, boundary=False)
         alone = [
             tk.from_points(points[row, :length], normals[row, :length] if with_normals else None)
             for row, length in enumerate(lengths)
         ]
-        torch.testing.assert_close(together, torch.stack([one.euler(boundary=False) for one in alone]))
+        torch.testing.assert_close(together, torch.stack([one.gauss_bonnet(20, boundary=False) for one in alone]))
         assert (batch.curvature().area[1, 300:] == 0).all()
     if not on_device:
-        torch.testing.assert_close(batch.euler(), torch.stack([one.euler() for one in alone]))
+        torch.testing.assert_close(batch.gauss_bonnet(), torch.stack([one.gauss_bonnet() for one in alone]))
     (gradient,) = torch.autograd.grad(together.sum(), points)
     assert gradient.isfinite().all()
     assert (gradient[2, 210:] == 0).all()
@@ -154,13 +154,13 @@ def test_nested_tensors_are_clouds_of_different_size(layout: torch.layout, with_
     nested, nested_normals = (torch.nested.as_nested_tensor(parts, layout=layout) for parts in (clouds, directions))
     shape = tk.from_points(nested, nested_normals if with_normals else None)
     padded = tk.from_points(points, normals if with_normals else None, lengths=lengths)
-    value = shape.euler(boundary=False)
-    assert torch.equal(value, padded.euler(boundary=False))
+    value = shape.gauss_bonnet(20, boundary=False)
+    assert torch.equal(value, padded.gauss_bonnet(20, boundary=False))
     value.sum().backward()
     for number, (cloud, direction) in enumerate(zip(clouds, directions, strict=True)):
         leaf = points[number, : lengths[number]].clone().requires_grad_()
         alone = tk.from_points(leaf, normals[number, : lengths[number]] if with_normals else None)
-        alone.euler(boundary=False).backward()
+        alone.gauss_bonnet(20, boundary=False).backward()
         torch.testing.assert_close(cloud.grad, leaf.grad)
         assert (direction.grad is not None) == with_normals
 
@@ -170,7 +170,7 @@ def test_nested_tensors_in_half_precision_are_widened() -> None:
     with as_on_accelerator():
         shape = tk.from_points(nested)
         with count_host_visits() as visits:
-            value = shape.euler(boundary=False)
+            value = shape.gauss_bonnet(20, boundary=False)
     assert len(visits) == 0, str(visits)
     assert value.dtype == torch.float32
 
@@ -223,7 +223,7 @@ def test_a_report_refuses_values_that_were_not_looked_at() -> None:
     points[7] = torch.nan
     with as_on_accelerator():
         shape = tk.from_points(points)
-        assert shape.euler(boundary=False).isnan()
+        assert shape.gauss_bonnet(20, boundary=False).isnan()
         with pytest.raises(InputError, match="3 values that are NaN"):
             shape.report()
     assert tk.from_points(points).samples.n_points == 299

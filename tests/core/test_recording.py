@@ -33,11 +33,11 @@ CLOUDS = clouds(torus_samples, sphere_samples), clouds(ellipsoid_samples, torus_
 FIELDS = (torus(grid(12), 0.5, 0.25),), (torus(grid(12), 0.6, 0.15) + 0.01 * grid(12)[..., 0].sin(),)
 Case = tuple[tuple[Inputs, Inputs], Callable[..., Tensor]]
 VALUES: dict[str, Case] = {
-    "euler": (CLOUDS, lambda p, n: tk.from_points(p, n).euler(boundary=False)),
-    "without normals": (CLOUDS, lambda p, n: tk.from_points(p).euler(boundary=False)),
-    "of different size": (CLOUDS, lambda p, n: tk.from_points(p, n, lengths=LENGTHS).euler(boundary=False)),
+    "euler": (CLOUDS, lambda p, n: tk.from_points(p, n).gauss_bonnet(20, boundary=False)),
+    "without normals": (CLOUDS, lambda p, n: tk.from_points(p).gauss_bonnet(20, boundary=False)),
+    "of different size": (CLOUDS, lambda p, n: tk.from_points(p, n, lengths=LENGTHS).gauss_bonnet(20, boundary=False)),
     "curvature": (CLOUDS, lambda p, n: tk.from_points(p).curvature(12).mean.square()),
-    "refined": (CLOUDS, lambda p, n: tk.from_points(p, n).refined_euler(1.0, max_steps=1, boundary=False)),
+    "refined": (CLOUDS, lambda p, n: tk.from_points(p, n).refined_euler(1.0, 20, max_steps=1, boundary=False)),
     "smoothed": (FIELDS, lambda f: GridField(f).smoothed_euler(0.05)),
     "Euler loss": (FIELDS, lambda f: tk.euler_loss(f, 2.0, 0.05)),
 }
@@ -68,7 +68,7 @@ def test_no_shape_depends_on_values_up_to_the_limit_of_all_pairs() -> None:
 
     def euler_of(n_points: int) -> Tensor:
         points = torch.empty(1, n_points, 3, device="meta", requires_grad=True)
-        value = tk.from_points(points).euler(boundary=False)
+        value = tk.from_points(points).gauss_bonnet(20, boundary=False)
         value.sum().backward()
         return value
 

@@ -105,7 +105,7 @@ def test_half_precision_is_widened_with_its_graph(dtype: torch.dtype) -> None:
     points = SPHERE.points.to(dtype).requires_grad_()
     shape = tk.from_points(points, SPHERE.normals.to(dtype))
     assert shape.samples.points.dtype == shape.samples.normals.dtype == torch.float32
-    shape.euler().backward()
+    shape.gauss_bonnet().backward()
     assert points.grad.dtype == dtype
     assert points.grad.isfinite().all()
     assert points.grad.abs().max() > 0
@@ -152,9 +152,9 @@ def test_volumes_are_made_of_any_arrays(library: Any) -> None:
 def test_objects_whose_vertices_have_a_graph_keep_it() -> None:
     vertices, faces = (torch.from_numpy(part) for part in torus_mesh(20, 10))
     moving = vertices.clone().requires_grad_()
-    tk.from_mesh(SimpleNamespace(vertices=moving, faces=faces)).euler().backward()
+    tk.from_mesh(SimpleNamespace(vertices=moving, faces=faces)).gauss_bonnet().backward()
     reference = vertices.clone().requires_grad_()
-    tk.from_mesh((reference, faces)).euler().backward()
+    tk.from_mesh((reference, faces)).gauss_bonnet().backward()
     assert torch.equal(moving.grad, reference.grad)
     assert moving.grad.abs().max() > 0
     cloud = SimpleNamespace(vertices=SPHERE.points.clone().requires_grad_())

@@ -63,6 +63,11 @@ def nearest_neighbors(
     return found.reshape(*points.shape[:-1], n_neighbors)
 
 
+def first_neighbors(known: Tensor, n_neighbors: int) -> Tensor | None:
+    """The nearest n_neighbors of the known indices (..., N, k), nearest first; None if more than k are wanted."""
+    return known[..., :n_neighbors] if n_neighbors <= known.shape[-1] else None
+
+
 def merged_neighbors(neighbors: Tensor) -> Tensor:
     """Neighbor indices of batch items as rows of their merged point list.
 

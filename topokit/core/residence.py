@@ -30,7 +30,7 @@ def as_on_accelerator() -> Iterator[None]:
         >>> import topokit as tk
         >>> from topokit.testing import as_on_accelerator, sphere_samples
         >>> with as_on_accelerator():
-        ...     round(float(tk.from_points(sphere_samples(1000).points).euler()))
+        ...     round(float(tk.from_points(sphere_samples(1000).points).gauss_bonnet()))
         2
     """
     token = _asked_for.set(True)

@@ -89,6 +89,12 @@ class SurfaceSamples:
         """Number of points N of each batch item, with padding."""
         return self.points.shape[-2]
 
+    @property
+    def requires_grad(self) -> bool:
+        """Whether a gradient of the samples is asked for."""
+        tensors = (self.points, self.normals, self.frames, self.areas)
+        return any(one.requires_grad for one in tensors if one is not None)
+
     def known_normals(self) -> Tensor | None:
         """Normals (..., N, 3) as given, or the third axis of the frames; None if there are neither."""
         return self.frames[..., 2, :] if self.frames is not None else self.normals

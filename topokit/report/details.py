@@ -21,16 +21,21 @@ class Measurable(Protocol):
     @property
     def mesh(self) -> tuple[Tensor, Tensor] | None: ...
 
-    def euler(self) -> Tensor: ...
+    def gauss_bonnet(self, n_neighbors: int | None = None) -> Tensor: ...
 
-    def refined_euler(self) -> Tensor: ...
+    def refined_euler(self, target: Tensor | float | None = None, n_neighbors: int | None = None) -> Tensor: ...
 
 
 @torch.no_grad()
-def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
+def with_details(report: TopologyReport, shape: Measurable, n_neighbors: int) -> TopologyReport:
     """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
 
     Sentences tell the estimates, and the solid where it differs from the mesh.
+
+    Args:
+        report: to be completed.
+        shape: that the report is about.
+        n_neighbors: number of neighbors for both estimates, whatever the shape's own is.
     """
     rows: list[Evidence] = []
 
@@ -40,8 +45,11 @@ def with_details(report: TopologyReport, shape: Measurable) -> TopologyReport:
         rows.append(Evidence(name, value, None, time.perf_counter() - started))
         return value
 
-    estimate = timed("Gauss–Bonnet", shape.euler) if report.estimate is None else report.estimate
-    refined = timed("Gauss–Bonnet, self-optimized", shape.refined_euler) if report.closed else None
+    estimate, refined = report.estimate, None
+    if estimate is None:
+        estimate = timed("Gauss–Bonnet", lambda: shape.gauss_bonnet(n_neighbors))
+    if report.closed:
+        refined = timed("Gauss–Bonnet, self-optimized", lambda: shape.refined_euler(None, n_neighbors))
     reasons = (*report.reasons, _estimate_sentence(estimate, refined))
     solid = None
     if shape.mesh is not None:

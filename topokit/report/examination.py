@@ -16,9 +16,10 @@ from topokit.core.cloud.downsampling import thin_along_curve
 from topokit.core.cloud.far_points import far_points
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, surface_curvature
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
-from topokit.core.neighbors import nearest_neighbors
+from topokit.core.local.neighborhood_size import automatic_neighbors
+from topokit.core.neighbors import first_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.report.progress import stage_bar
@@ -82,9 +83,11 @@ class Examination:
 
     @cached_property
     def curvature(self) -> Curvature:
-        """Curvature of the samples, without a graph."""
+        """Curvature of the samples by the defaults of `Shape.curvature`, without a graph."""
         with torch.no_grad():
-            return surface_curvature(self.samples, neighbors=self.neighbors)
+            settings = CurvatureSettings(automatic_neighbors(self.samples.points, self.neighbors))
+            known = first_neighbors(self.neighbors, settings.n_neighbors)
+            return surface_curvature(self.samples, settings, neighbors=known)
 
     @cached_property
     def boundary(self) -> BoundaryEstimate:
@@ -95,7 +98,7 @@ class Examination:
 
     @cached_property
     def estimate(self) -> float:
-        """χ⁽⁰⁾, with the turning of the boundary."""
+        """χ⁽⁰⁾, with the turning of the boundary, as `Shape.gauss_bonnet` gives it."""
         return float(euler_characteristic(self.curvature.gaussian, self.curvature.area)) + self.boundary.euler
 
     def _measure_part(self) -> BoundaryEstimate:

@@ -10,7 +10,7 @@ from typing import Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
-from topokit.errors import GenusError
+from topokit.errors import GenusError, InputError
 from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
@@ -158,6 +158,18 @@ def plain(value: Any) -> Any:
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [plain(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def known_euler(report: TopologyReport) -> int:
+    """The report's Euler characteristic.
+
+    Raises:
+        InputError: if it is unknown; the message holds the report's reasons.
+    """
+    if report.euler is None:
+        why = " ".join(report.reasons) or "Nothing is known about it."
+        raise InputError(f"{report.name}: the Euler characteristic is unknown. {why}")
+    return report.euler
 
 
 def known_genus(report: TopologyReport) -> int:

@@ -219,7 +219,7 @@ class AdapterConformance:
         assert value.requires_grad, "no gradient flows from the samples to the tensors: something was detached."
         passes = torch.autograd.gradcheck(points, tensors, fast_mode=True, raise_exception=False, atol=1e-4)
         assert passes, "the gradient of the samples differs from their finite differences."
-        euler = self._open(self.source_of(*tensors)).euler()
+        euler = self._open(self.source_of(*tensors)).gauss_bonnet()
         for index, gradient in enumerate(torch.autograd.grad(euler, tensors, allow_unused=True)):
             finite = gradient is not None and bool(torch.isfinite(gradient).all())
             assert finite, f"the gradient of χ with respect to tensor {index} is missing or not finite."

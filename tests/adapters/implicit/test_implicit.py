@@ -460,7 +460,7 @@ def test_report_first_does_not_lose_the_gradient() -> None:
     net = network(nn.Softplus(10), torch.float32)
     shape = tk.from_sdf(net, bounds=BOX, **ROUGH)
     shape.report()
-    assert shape.euler().requires_grad
+    assert shape.gauss_bonnet().requires_grad
 
 
 def test_tau_zero_is_the_integer_and_the_default_is_near() -> None:
@@ -581,7 +581,7 @@ def test_gradients_reach_a_latent_code() -> None:
     decoder = network(nn.Softplus(10), torch.float32)
     code = torch.tensor([0.1, 0.0, -0.1], requires_grad=True)
     shape = tk.from_sdf(lambda x: decoder(x + code.expand(len(x), -1)), bounds=BOX, **ROUGH)
-    for value in (shape.smoothed_euler(0.1), tk.EulerLoss(0.0)(shape, 0.1), shape.euler()):
+    for value in (shape.smoothed_euler(0.1), tk.EulerLoss(0.0)(shape, 0.1), shape.gauss_bonnet()):
         (slope,) = torch.autograd.grad(value, code)
         assert slope.isfinite().all()
         assert slope.abs().max() > 0

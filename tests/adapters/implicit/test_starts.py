@@ -41,7 +41,7 @@ def test_samples_follow_a_training_at_a_small_part_of_the_cost() -> None:
         assert torus.n_points < 10 * 1500
         assert samples.n_points == 1500
         torch.testing.assert_close(torus.distance(samples.points), torus.minor.expand(1500), atol=1e-5, rtol=0)
-    assert abs(float(shape.euler(boundary=False))) < 0.1
+    assert abs(float(shape.gauss_bonnet(boundary=False))) < 0.1
     assert samples.normals is not None
     (slope,) = torch.autograd.grad((samples.points * samples.normals.detach()).sum(-1).mean(), torus.minor)
     assert float(slope) == pytest.approx(1, abs=1e-4)  # the tube moves outward as fast as its radius grows
@@ -56,7 +56,7 @@ def test_starts_that_are_too_far_away_are_left_out() -> None:
     assert followed.samples.n_points == 300
     torch.testing.assert_close(followed.samples.points.detach(), near, atol=1e-5, rtol=0)
     with pytest.raises(InputError, match=r"none of the 50 starts is within 0\.0312 of the level set"):
-        tk.from_sdf(torus, bounds=BOX, starts=starts[300:]).euler()
+        tk.from_sdf(torus, bounds=BOX, starts=starts[300:]).gauss_bonnet()
 
 
 @pytest.mark.parametrize("starts", [torch.zeros(10, 2), torch.full((10, 3), torch.nan), torch.zeros(2, 10, 3)])

@@ -68,7 +68,7 @@ def test_clouds_of_pytorch3d_pyvista_and_vedo() -> None:
         samples = tk.from_points(cloud).samples
         assert torch.equal(samples.points.detach(), KNOWN.points), name
         assert (samples.normals is not None) == (name != "vedo")
-    tk.from_points(clouds["PyTorch3D"]).euler().backward()
+    tk.from_points(clouds["PyTorch3D"]).gauss_bonnet().backward()
     assert tensors[0].grad is not None
     two = SimpleNamespace(points_list=lambda: [1, 2], normals_list=lambda: None)
     with pytest.raises(InputError, match="the batch holds 2 clouds"):

@@ -81,7 +81,7 @@ def test_tensors_keep_dtype_and_gradient() -> None:
     points = SPHERE.points.float().requires_grad_()
     shape = tk.from_points(points, SPHERE.normals.float())
     assert shape.samples.points is points
-    shape.euler().backward()
+    shape.gauss_bonnet().backward()
     assert points.grad is not None
     assert points.grad.dtype == torch.float32
 
@@ -121,7 +121,7 @@ def test_useless_normals_are_noticed() -> None:
 
 def test_batches_have_euler_but_no_single_report() -> None:
     shape = tk.from_points(torch.stack((SPHERE.points, 2 * SPHERE.points)))
-    assert shape.euler().shape == (2,)
+    assert shape.gauss_bonnet().shape == (2,)
     with pytest.raises(InputError, match="a report is about one shape; the samples are batched"):
         shape.report()
 

@@ -121,7 +121,7 @@ def test_the_number_of_samples_follows_the_splats() -> None:
 
 
 def test_a_torus_of_splats_has_an_estimate_near_zero() -> None:
-    assert abs(float(tk.from_splats(splats_of(torus_scene(6000))).euler())) < 1
+    assert abs(float(tk.from_splats(splats_of(torus_scene(6000))).gauss_bonnet())) < 1
 
 
 def test_moving_and_scaling_the_scene_moves_and_scales_the_samples() -> None:
@@ -158,7 +158,7 @@ def test_the_estimate_has_finite_gradients_everywhere() -> None:
         "quats": torch.from_numpy(scene.quaternions * 2).requires_grad_(),
         "opacities": torch.from_numpy(np.log(scene.opacities / (1.0001 - scene.opacities))).requires_grad_(),
     }
-    tk.from_splats(raw, n_samples=3000).euler().backward()
+    tk.from_splats(raw, n_samples=3000).gauss_bonnet().backward()
     for name in ("means", "scales", "quats"):
         gradient = raw[name].grad
         assert gradient is not None

@@ -143,7 +143,7 @@ def test_curvature_of_a_ball() -> None:
     assert float((centered.norm(dim=1) - 12).abs().mean()) < 0.3
     assert float((shape.samples.normals * centered).sum(1).min()) > 0
     assert float(shape.curvature().mean.median()) == pytest.approx(1 / 12, rel=0.1)
-    assert float(shape.euler()) == pytest.approx(2, abs=0.3)
+    assert float(shape.gauss_bonnet()) == pytest.approx(2, abs=0.3)
 
 
 def test_smooth_samples_lie_on_the_surface_in_any_spacing() -> None:

@@ -15,6 +15,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.core.samples import SurfaceSamples
 from topokit.testing import AnalyticSamples, ellipsoid_samples, sphere_samples, torus_samples
 
+PAPER = CurvatureSettings(normal_method="pca")
 MAKERS = [sphere_samples, ellipsoid_samples, torus_samples]
 
 
@@ -62,7 +63,7 @@ def test_error_with_exact_normals_falls_with_first_order(make: type, solver: str
 def test_error_of_pca_on_an_even_sphere_falls_with_first_order() -> None:
     sizes, errors = [1000, 4000, 16_000], []
     for n in sizes:
-        local = surface_curvature(SurfaceSamples(fibonacci_sphere(n)))
+        local = surface_curvature(SurfaceSamples(fibonacci_sphere(n)), PAPER)
         errors.append(float((local.gaussian - 1).abs().median()))
     assert 0.8 < slope(sizes, errors) < 1.5
     assert errors[-1] < 5e-3
@@ -74,7 +75,7 @@ def test_error_of_pca_on_random_samples_falls_when_k_grows() -> None:
     for n, k in zip(sizes, (20, 40, 80), strict=True):
         known = torus_samples(n)
         for errors, neighbors in ((fixed, 20), (growing, k)):
-            local = measure(known, with_normals=False, n_neighbors=neighbors)
+            local = measure(known, with_normals=False, n_neighbors=neighbors, normal_method="pca")
             errors.append(float((local.gaussian - known.gaussian).abs().median()))
     assert abs(slope(sizes, fixed)) < 0.5
     assert slope(sizes, growing) > 0.5
@@ -127,7 +128,7 @@ def test_normals_of_pca_are_those_of_open3d() -> None:
     known = ellipsoid_samples(3000)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(known.points.numpy()))
     cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(21))
-    ours = measure(known, with_normals=False).normals
+    ours = measure(known, with_normals=False, normal_method="pca").normals
     theirs = torch.from_numpy(np.asarray(cloud.normals).copy())
     # open3d counts the point itself among its neighbors: the same up to that.
     assert float((ours * theirs).sum(-1).abs().quantile(0.01)) > 0.999
@@ -174,12 +175,14 @@ def test_components_add_up() -> None:
     assert parts.round().tolist() == [0, 2]
 
 
-def test_float32_gives_what_float64_gives() -> None:
+@pytest.mark.parametrize(("method", "limit"), [("pca", 1e-5), ("quadric", 1e-3)])
+def test_float32_gives_what_float64_gives(method: str, limit: float) -> None:
     known = torus_samples(3000)
-    double = surface_curvature(SurfaceSamples(known.points))
-    single = surface_curvature(SurfaceSamples(known.points.float()))
+    double = measure(known, with_normals=False, normal_method=method)
+    settings = CurvatureSettings(normal_method=method)  # type: ignore[arg-type]
+    single = surface_curvature(SurfaceSamples(known.points.float()), settings)
     assert single.gaussian.dtype == torch.float32
-    assert float((single.gaussian - double.gaussian).abs().median()) < 1e-4
+    assert float((single.gaussian - double.gaussian).abs().median()) < limit
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")

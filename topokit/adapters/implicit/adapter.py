@@ -56,7 +56,7 @@ def from_sdf(
     f need not be a distance: only its sign is used, and where it may change. Everything is computed when it is first
     asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface, those
     of more than 256 cells block by block, in memory that does not depend on the resolution.
-    `euler()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
+    `gauss_bonnet()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
     whatever f was computed from; samples move along their normals (implicit function theorem). f must not change in
     between; but `smoothed_euler()` and the losses evaluate it anew in every call, so that one shape serves them for a
     whole training. Pass `bounds` then: to find them takes evaluations.

@@ -51,10 +51,10 @@ def from_mesh(
 ) -> Shape:
     """A triangle mesh as a shape whose report is exact.
 
-    V − E + F is counted when the shape is made; the samples for `euler()` and `curvature()` are drawn in proportion to
-    area when they are first needed, and are differentiable in the vertices if these are a tensor. Equal vertices are
-    merged only when the mesh is open and merging closes it, or mends its boundary without new faults; the report says
-    what was done. Faces are turned to agree, and closed parts outward, before normals are taken.
+    V − E + F is counted when the shape is made; the samples for `gauss_bonnet()` and `curvature()` are drawn in
+    proportion to area when they are first needed, and are differentiable in the vertices if these are a tensor. Equal
+    vertices are merged only when the mesh is open and merging closes it, or mends its boundary without new faults; the
+    report says what was done. Faces are turned to agree, and closed parts outward, before normals are taken.
 
     Args:
         source: a path (.obj .off .ply .stl .glb .gltf .3mf); a `trimesh.Trimesh`, a `trimesh.Scene` (flattened with its

@@ -74,7 +74,7 @@ def from_points(
         >>> import topokit as tk, torch
         >>> points = torch.randn(2000, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
         >>> sphere = points / points.norm(dim=-1, keepdim=True)
-        >>> round(float(tk.from_points(sphere, normals=sphere).euler()))
+        >>> round(float(tk.from_points(sphere, normals=sphere).gauss_bonnet()))
         2
     """
     if (stored := stored_cloud(points, block_points, client)) is not None:

@@ -78,7 +78,7 @@ def from_splats(
         >>> quaternions = torch.stack((1 + ball[:, 2], -ball[:, 1], ball[:, 0], torch.zeros(2000).double()), dim=-1)
         >>> scales = torch.tensor([0.05, 0.05, 0.001], dtype=torch.float64).expand(2000, 3)
         >>> splats = tk.GaussianSplats(ball, scales, quaternions, torch.ones(2000).double())
-        >>> round(float(tk.from_splats(splats).euler()))
+        >>> round(float(tk.from_splats(splats).gauss_bonnet()))
         2
     """
     limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)

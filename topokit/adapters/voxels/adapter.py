@@ -58,8 +58,8 @@ def from_voxels(
 
     Outside the volume there is only background: objects cut by the border are closed there, and the report says so.
     `report()` counts. The smoothed χ is differentiable in the gray values if these are a floating-point tensor; with
-    τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `euler()` use samples of the
-    volume smoothed over one voxel; these are not differentiable.
+    τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `gauss_bonnet()` use
+    samples of the volume smoothed over one voxel; these are not differentiable.
 
     A volume that is stored in chunks or as a memory map and has more than 2²⁷ voxels is counted block by block, with
     the same result, and never held as a whole: its shape has a report, but no samples.

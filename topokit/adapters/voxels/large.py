@@ -17,7 +17,7 @@ from topokit.core.components import Corner
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.labels import Box as LabelBox
 from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
-from topokit.errors import InputError
+from topokit.errors import InputError, NoSamplesError
 from topokit.inputs.files import user_path
 from topokit.inputs.remote import is_address
 from topokit.inputs.unpacking import is_temporary
@@ -114,7 +114,7 @@ def shape_in_blocks(
     volume, grid = blocks.volume, Grid(blocks.volume.shape, spacing, origin)
 
     def refuse() -> Any:
-        raise InputError(
+        raise NoSamplesError(
             f"{volume.name} is counted block by block, so it has a report, but no samples and no surface. Open a "
             "part of it in memory: from_voxels(volume[:256, :256, :256])."
         )

@@ -22,7 +22,7 @@ from topokit.errors import InputError
 NormalMethod = Literal["pca", "quadric"]
 
 DEFAULT_NEIGHBORS = 20
-"""Number of neighbors on clean samples, and of everything behind a verdict."""
+"""Number of neighbors on clean samples, and of the boundary behind a verdict."""
 
 CELL_NEIGHBORS = 48  # the nearest, among which a Voronoi cell is found; it has six sides on average, rarely twelve
 
@@ -34,8 +34,8 @@ class CurvatureSettings:
     Attributes:
         n_neighbors: k, number of nearest neighbors; more smooths more.
         normal_method: how normals are estimated where the samples have none. "pca" is the paper's plane of least
-            spread; "quadric" the normal of a quadric fitted over it, which curvature does not tilt where a neighborhood
-            is lopsided.
+            spread; "quadric", the default, the normal of a quadric fitted over it, which curvature does not tilt where
+            a neighborhood is lopsided.
         solver: least-squares method for the Weingarten map, see `weingarten_map`.
         area_method: Voronoi cells "exact" or by "monte-carlo", see `cell_areas`; unused where the samples bring areas.
         area_resolution: points per side of the Monte Carlo grid.
@@ -45,7 +45,7 @@ class CurvatureSettings:
     solver: Solver = "sylvester"
     area_method: AreaMethod = "exact"
     area_resolution: int = 32
-    normal_method: NormalMethod = "pca"
+    normal_method: NormalMethod = "quadric"
 
     def __post_init__(self) -> None:
         enough_neighbors(self.n_neighbors)

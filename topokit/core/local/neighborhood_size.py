@@ -1,4 +1,4 @@
-"""How many neighbors curvature needs: 20 on clean samples, more where noise would drown it."""
+"""How many neighbors curvature takes by default: 20 on clean samples, more where noise would drown it."""
 
 from __future__ import annotations
 

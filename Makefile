@@ -1,10 +1,13 @@
 # make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
-# make test   the same, with everything the tests need, and the tests that take at most five minutes on two cores
+# make test   the same, with everything the tests need, and all tests but the long ones: about five minutes on two idle cores.
+#             As root it installs system packages with apt-get: python3-venv, the libraries that open3d loads, and Chromium.
+#             make test SYSTEM=no installs none; tests that need them are skipped
 # make test-all   every test, with the long ones: examples, programs of the documentation, fuzzing, real scans
 # make lint   ruff, mypy and codespell (American spelling)
 # make docs   the documentation, as a site in docs/site
 # make bench  the benchmarks (ratios within one run)
 PYTHON ?= python3
+export SYSTEM ?= yes
 # Another torch: make demo TORCH="torch --index-url https://download.pytorch.org/whl/cpu"
 TORCH ?= torch==2.13.0
 PIP = .venv/bin/python -m pip install --quiet --disable-pip-version-check

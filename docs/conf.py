@@ -10,7 +10,7 @@ import topokit
 ROOT = Path(__file__).resolve().parents[1]
 
 project = "topokit"
-author = "the topokit authors"
+author = project_copyright = "the topokit authors"
 release = version = topokit.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 exclude_patterns = ["pictures", "site"]

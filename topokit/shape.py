@@ -191,7 +191,8 @@ class Shape(DifferentiableShape):
         `oriented()` first.
 
         Returns:
-            A shape with outward normals, differentiable in the points.
+            A shape with outward normals, differentiable in the points at a fixed grid: the winding number is found on a
+            grid that follows from the points, whose position and size are constants to the gradient.
 
         Raises:
             InputError: if the points bound no solid, or the samples are batched.
@@ -205,11 +206,11 @@ class Shape(DifferentiableShape):
         return self._with(regularized_samples(oriented.samples, areas, k), None)
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
-        """The mesh as a `trimesh.Trimesh`; nothing is merged.
+        """The mesh as a `trimesh.Trimesh`, with the vertices that were counted as one merged.
 
         Args:
             color_by: "gaussian", "mean" or "total" adds curvature as vertex colors and attributes (see
-                `topokit.export.to_trimesh`); None leaves the mesh bare.
+                `topokit.export.to_trimesh`) and leaves out vertices without a face; None leaves the mesh bare.
 
         Raises:
             InputError: if the shape was not made from a mesh.

@@ -207,7 +207,8 @@ class DifferentiableShape(ShapeData):
                 0 gives the exact integer of the grid, without a gradient.
 
         Returns:
-            0-d tensor, differentiable for tau > 0 in whatever the field was made from.
+            0-d tensor, differentiable for tau > 0 in whatever the field was made from, at a fixed tau: the default is
+            measured on the field and is a constant to the gradient.
 
         Raises:
             InputError: if the shape has no field, or tau is negative or not finite.

@@ -47,7 +47,7 @@ def shapes() -> Iterator[tuple[str, str, tk.Shape, tuple[float, float, float]]]:
     cloud = tk.from_points(torus_samples(10_000).points)
     yield "cloud", "A torus as 10 000 points without normals", cloud, (0.5, -1.0, 1.0)
     yield "volume", "A volume: two balls, joined by three bars", tk.from_voxels(dumbbell(), level=0.0), (0.6, -1.4, 0.8)
-    splats = tk.from_splats(ring_of_splats(), n_samples=12_000)
+    splats = tk.from_splats(ring_of_splats(), n_samples=6_000)  # one sample for each splat
     yield "splats", "A ring of 6 000 Gaussian splats", splats, (0.4, -1.0, 1.1)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from real_open3d import open3d_or_skip
 
 import topokit as tk
 from topokit.errors import InputError
@@ -190,8 +191,7 @@ def test_load_opens_the_objects_of_trimesh() -> None:
 
 
 def test_normals_that_are_given_win_over_those_of_an_object() -> None:
-    pytest.importorskip("open3d", reason="open3d is installed by make test")
-    import open3d as o3d
+    o3d = open3d_or_skip()
 
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(SPHERE.points.numpy()))
     cloud.normals = o3d.utility.Vector3dVector(-SPHERE.normals.numpy())

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from real_open3d import open3d_or_skip
 
 import topokit as tk
 from topokit.adapters.open3d.adapter import from_open3d
@@ -21,7 +22,7 @@ from topokit.export import to_open3d
 from topokit.export.colors import diverging_colors
 from topokit.testing import icosphere, sphere_samples, torus_mesh, torus_samples
 
-o3d: Any = pytest.importorskip("open3d", reason="open3d is not installed; make test installs it")
+o3d = open3d_or_skip()
 
 ROOT = Path(__file__).resolve().parents[3]
 TORUS = torus_samples(2000)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.grid.field import Field
-from topokit.core.grid.scaling import in_single_precision
+from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.local.curvature import Curvature
 from topokit.export.colors import Exportable, Floats, curvature_of_one, interpolate
 
@@ -167,9 +167,9 @@ def _level_set(field: Field) -> tuple[Floats, Integers, str | None] | None:
     """The level set of a field as a mesh, closed where the grid ends; large fields lose every second vertex or more."""
     from skimage.measure import marching_cubes
 
-    values = field.detached().cpu().double().numpy()
-    step = -(-max(values.shape) // _GRID)
-    values = in_single_precision(np.nan_to_num(values[::step, ::step, ::step]))
+    step = -(-max(field.grid.shape) // _GRID)
+    thinned = field.detached()[::step, ::step, ::step].cpu().double()
+    values = at_moderate_size(thinned.nan_to_num()).float().numpy()
     padded = np.pad(values, 1, constant_values=min(-1e-6, float(values.min())))
     if not (padded > 0).any():
         return None

@@ -61,6 +61,18 @@ def as_floating(values: object, name: str, expected: str) -> Tensor:
     return shared.float() if shared.dtype in (torch.float16, torch.bfloat16) else shared
 
 
+def as_positions(values: object, name: str) -> Tensor:
+    """Finite points (N, 3) in a floating-point type that the core supports; arguments as for `as_tensor`.
+
+    Raises:
+        InputError: if they are something else.
+    """
+    points = as_floating(values, name, "(N, 3)")
+    if points.ndim != 2 or points.shape[1] != 3 or not bool(points.isfinite().all()):
+        raise InputError(f"{name} must be finite points (N, 3), got a tensor of shape {tuple(points.shape)}.")
+    return points
+
+
 def _shared(values: Any, name: str) -> Tensor | None:
     """The tensor itself, or a tensor on the same memory through DLPack; None if only NumPy can convert the values."""
     if isinstance(values, Tensor):

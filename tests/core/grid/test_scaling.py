@@ -1,12 +1,13 @@
-"""Fields in single precision: signs stay, sizes become moderate, and nothing is rounded that need not be."""
+"""Fields of any size: signs stay, sizes become moderate, and nothing is rounded that need not be."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 import topokit as tk
-from topokit.core.grid.scaling import in_single_precision
+from topokit.core.grid.scaling import at_moderate_size
 
 
 def box(scale: float) -> np.ndarray:
@@ -31,10 +32,25 @@ def test_pages_show_values_of_any_size(scale: float, tmp_path) -> None:
 
 
 def test_signs_stay_and_powers_of_two_are_exact() -> None:
-    values = np.array([0.0, 5e-324, -5e-324, 1.5, -3.0, 1e308, -1e308])
-    found = in_single_precision(values)
-    assert found.dtype == np.float32
-    assert np.isfinite(found).all()
-    assert (np.sign(found) == np.sign(values)).all()
+    values = torch.tensor([0.0, 5e-324, -5e-324, 1.5, -3.0, 1e308, -1e308], dtype=torch.float64)
+    found = at_moderate_size(values)
+    assert found.float().isfinite().all()
+    assert torch.equal(found.float().sign(), values.sign())
     assert found[4] / found[3] == -2.0
-    assert (in_single_precision(np.zeros((2, 2))) == 0).all()
+    assert (at_moderate_size(torch.zeros(2, 2)) == 0).all()
+
+
+@pytest.mark.parametrize("largest", [1e-45, 1e-38, 1.0, 1e38])
+def test_single_precision_is_kept_at_its_ends(largest: float) -> None:
+    values = largest * torch.tensor([1.0, -0.5, 0.25, 0.0])
+    found = at_moderate_size(values)
+    assert found.dtype == torch.float32
+    assert found.isfinite().all()
+    assert torch.equal(found.sign(), values.sign())
+    assert 0.1 < float(found.abs().max()) < 10
+
+
+def test_slopes_are_those_of_the_power_of_two_and_vanish_beyond_the_range() -> None:
+    values = torch.tensor([0.0, 3.0, -5.0, 1e40, 6.0], dtype=torch.float64, requires_grad=True)
+    at_moderate_size(values).sum().backward()
+    assert values.grad.tolist() == [0.125, 0.125, 0.125, 0.0, 0.125]

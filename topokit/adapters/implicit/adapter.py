@@ -23,7 +23,7 @@ from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
-from topokit.inputs.arrays import as_floating
+from topokit.inputs.arrays import as_positions
 from topokit.inputs.files import existing_file
 from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
@@ -204,7 +204,7 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     seed = deferred_seed(settings.generator)
-    starts = None if settings.starts is None else _as_starts(settings.starts)
+    starts = None if settings.starts is None else as_positions(settings.starts, "starts")
     sizes = settings.resolution, settings.n_samples
     surface = ImplicitSurface(function, bounds, *sizes, seed, settings.blocks, starts)
     field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
@@ -255,13 +255,6 @@ def _as_bounds(bounds: object) -> Bounds:
         raise InputError(f"bounds must be ((x0, y0, z0), (x1, y1, z1)) with lower before upper, got {bounds}.")
     low, high = (tuple(corner) for corner in corners.tolist())
     return low, high
-
-
-def _as_starts(starts: Tensor | ArrayLike) -> Tensor:
-    points = as_floating(starts, "starts", "(N, 3)")
-    if points.ndim != 2 or points.shape[1] != 3 or not bool(points.isfinite().all()):
-        raise InputError(f"starts must be finite points (N, 3), got a tensor of shape {tuple(points.shape)}.")
-    return points
 
 
 def _find_bounds(function: LevelFunction) -> tuple[Bounds, tuple[str, ...]]:

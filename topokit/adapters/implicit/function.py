@@ -13,7 +13,6 @@ from torch import Tensor
 
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
-from topokit.core.linalg import normalize
 from topokit.core.residence import stays_on_device
 from topokit.errors import InputError, summary
 
@@ -201,9 +200,3 @@ class FunctionField(Field):
     def _at(self, index: Tensor) -> Tensor:
         index = index.cpu() if self.device.type == "mps" else index  # positions are float64, which it lacks
         return torch.cat([self.function(self.grid.positions(rows)) for rows in index.split(_CHUNK)])
-
-
-def outward_normals(gradient: Tensor, fallback: Tensor) -> Tensor:
-    """Unit normals −∇F/|∇F|; where the gradient vanishes, the fallback's."""
-    flat = (gradient.detach() == 0).all(-1, keepdim=True)
-    return torch.where(flat, fallback, normalize(torch.where(flat, fallback, -gradient)))

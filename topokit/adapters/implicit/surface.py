@@ -8,7 +8,7 @@ from functools import partial
 import torch
 from torch import Tensor
 
-from topokit.adapters.implicit.function import LevelFunction, outward_normals, uncompiled
+from topokit.adapters.implicit.function import LevelFunction, uncompiled
 from topokit.adapters.implicit.progress import progress_bar
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.grid.components import grid_surfaces
@@ -18,7 +18,13 @@ from topokit.core.grid.level_surface import level_surface
 from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
-from topokit.core.implicit.level_set import area_weighted_starts, edge_crossings, implicit_point, project
+from topokit.core.implicit.level_set import (
+    area_weighted_starts,
+    edge_crossings,
+    implicit_point,
+    outward_normals,
+    project,
+)
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError

@@ -28,7 +28,7 @@ from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, co
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
-from topokit.inputs.arrays import as_tensor
+from topokit.inputs.arrays import as_positions, as_tensor
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import is_zarr_address, takes_addresses
 from topokit.inputs.unpacking import unpacked
@@ -48,6 +48,7 @@ def from_voxels(
     label: float | tuple[float, ...] | None = None,
     origin: Corner = (0.0, 0.0, 0.0),
     n_samples: int = 10_000,
+    starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
     dataset: str | None = None,
@@ -57,9 +58,13 @@ def from_voxels(
     """The surface of the solid {volume > level}, or of the voxels with some label, with its exact topology.
 
     Outside the volume there is only background: objects cut by the border are closed there, and the report says so.
-    `report()` counts. The smoothed χ is differentiable in the gray values if these are a floating-point tensor; with
-    τ = 0 it is the exact χ, in little more than the volume's own memory. `curvature()` and `gauss_bonnet()` use
-    samples of the volume smoothed over one voxel; these are not differentiable.
+    `report()` counts; the smoothed χ with τ = 0 is the exact one, too, in little more than the volume's own memory.
+    `curvature()` and `gauss_bonnet()` use samples of the volume smoothed over one voxel.
+
+    Both are differentiable in the gray values if these are a floating-point tensor that requires a gradient, also in
+    those of a binary volume; the level is held fixed, and so are the values outside the volume. Samples move along
+    their normals as the level set of the smoothed volume does (implicit function theorem), and which samples are drawn
+    is held fixed: a new shape draws anew unless it has `starts`. Labels, booleans and integers have no gradient.
 
     A volume that is stored in chunks or as a memory map and has more than 2²⁷ voxels is counted block by block, with
     the same result, and never held as a whole: its shape has a report, but no samples.
@@ -76,6 +81,9 @@ def from_voxels(
         label: voxels equal to it, or to one of several, are inside; then there is no level.
         origin: position of the center of the first voxel, in the units of the spacing.
         n_samples: number of samples.
+        starts: (N, 3) points near the surface, such as the samples of the last training step. They become the samples,
+            moved along the gradient by at most two voxels; those too far away are left out. Parts of the surface
+            without starts are not seen, and the samples grow uneven: leave starts out now and then.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
         dataset: path of the array in a zarr group or HDF5 file that holds several.
@@ -101,6 +109,7 @@ def from_voxels(
     level = None if level is None else _as_number("level", level)
     labels = _as_labels(label)
     _check_choice(level, labels)
+    positions = None if starts is None else as_positions(starts, "starts")
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
         place = as_spacing(blocks.volume.spacing if spacing is None else spacing), as_position(origin)
         return shape_in_blocks(blocks, *place, level, labels, connectivity, n_neighbors)
@@ -115,7 +124,7 @@ def from_voxels(
         raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
     seed = deferred_seed(generator)
     return Shape(
-        lambda: volume_samples(field.detached(), grid, n_samples, torch.Generator().manual_seed(seed)),
+        lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), positions),
         lambda: _count(field),
         surface=field.surface,
         field=field,

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
 import torch
-from numpy.typing import NDArray
-from scipy import ndimage
 from torch import Tensor
 
 from topokit.core.grid.components import occupied_box
+from topokit.core.grid.euler import at_least_single
+from topokit.core.grid.filters import gaussian, spline_coefficients
 from topokit.core.grid.grid import Grid, Spacing
-from topokit.core.grid.scaling import in_single_precision
+from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.grid.splines import GridSampler
-from topokit.core.implicit.level_set import area_weighted_starts, project
-from topokit.core.linalg import normalize
+from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, outward_normals, project
 from topokit.core.samples import SurfaceSamples
+from topokit.errors import InputError
 
 _SIGMA = 1.0  # voxels; removes the staircase of a binary volume
 _MARGIN = 4  # voxels of background around the solid, for the filter
+_REACH = 2.0  # largest steps of the grid by which a start is moved onto the surface
 
 
-def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.Generator) -> SurfaceSamples:
+def volume_samples(
+    values: Tensor, grid: Grid, n_samples: int, generator: torch.Generator, starts: Tensor | None = None
+) -> SurfaceSamples:
     """Area-weighted points with outward normals on the level set of the volume smoothed over one voxel.
 
     Where smoothing makes the solid vanish, since it is thin, or what is around it, since values there are far smaller,
@@ -33,49 +33,82 @@ def volume_samples(values: Tensor, grid: Grid, n_samples: int, generator: torch.
         grid: of the voxels' centers.
         n_samples: number of samples.
         generator: source of randomness on the CPU.
+        starts: (N, 3), from which samples are found instead of from a draw; None for the draw.
+
+    Returns:
+        Samples on the CPU, differentiable in the values by the implicit function theorem: at a fixed choice of samples,
+        each of which moves along its normal. Those that do not reach the level set stay where they were drawn.
+
+    Raises:
+        InputError: if there are starts, and none of them is near the level set.
     """
-    sharp, first = _crop(values)
-    smooth = ndimage.gaussian_filter(sharp, _SIGMA, mode="nearest")
-    before, after = np.count_nonzero(sharp > 0), np.count_nonzero(smooth > 0)
-    survives = 2 * after >= before and 2 * (smooth.size - after) >= sharp.size - before
-    x, y, z = sharp.shape
-    cropped = torch.from_numpy(smooth if survives else sharp)
-    starts, normals = area_weighted_starts(cropped, Grid((x, y, z), grid.spacing), n_samples, generator)
-    if survives:
-        surface = _QuadraticSpline(smooth, grid.spacing)
-        points, is_on = project(surface.value_and_gradient, starts, normals, 2 * grid.step)
-        slope = surface.value_and_gradient(points)[1]
-        starts = torch.where(is_on[:, None], points, starts)
-        normals = torch.where(is_on[:, None], normalize(-slope), normals)
-    corner = starts.new_tensor(grid.origin) + starts.new_tensor(first) * starts.new_tensor(grid.spacing)
-    return SurfaceSamples(starts + corner, normals)
+    field, first = _field(values)
+    x, y, z = field.shape
+    surface = _QuadraticSpline(field, grid.spacing)
+    corner = torch.tensor(grid.origin, dtype=torch.float64) + torch.tensor(first) * surface.spacing
+    if starts is None:
+        points, normals = area_weighted_starts(field.detach(), Grid((x, y, z), grid.spacing), n_samples, generator)
+    else:
+        points = starts.detach().to(corner) - corner
+        normals = outward_normals(surface.detached(points)[1], points.new_tensor((0.0, 0.0, 1.0)))
+    found, is_on = project(surface.detached, points, normals, _REACH * grid.step)
+    if starts is not None:
+        points, normals, found, is_on = (part[is_on] for part in (points, normals, found, is_on))
+        if len(points) == 0:
+            raise InputError(
+                f"none of the {len(starts)} starts is within {_REACH * grid.step:.3g} of the volume's surface: leave "
+                "starts out, so that samples are drawn."
+            )
+    points = torch.where(is_on[:, None], found, points)
+    value, gradient = surface(points)
+    moved = implicit_point(value, points, gradient * is_on[:, None])
+    normals = torch.where(is_on[:, None], outward_normals(surface(moved)[1], normals), normals)
+    return SurfaceSamples(moved + corner, normals)
 
 
 class _QuadraticSpline:
     """The quadratic spline through the values of a grid whose first vertex is at the origin."""
 
-    def __init__(self, values: NDArray[np.float32], spacing: Spacing) -> None:
+    def __init__(self, values: Tensor, spacing: Spacing) -> None:
         x, y, z = values.shape
-        self._coefficients = torch.from_numpy(ndimage.spline_filter(values, order=2, output=np.float32))
+        self._coefficients = spline_coefficients(values)
         self._grid = Grid((x, y, z))
-        self._spacing = torch.tensor(spacing, dtype=torch.float64)
+        self.spacing = torch.tensor(spacing, dtype=torch.float64)
 
-    def value_and_gradient(self, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Values (N,) and gradients (N, 3) at positions (N, 3)."""
-        sampler = GridSampler(points / self._spacing, self._grid)
-        return sampler.gather(self._coefficients), sampler.gather_gradient(self._coefficients) / self._spacing
+    def __call__(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """Values (N,) and gradients (N, 3) at positions (N, 3), differentiable in these and the grid's values."""
+        sampler = GridSampler(points / self.spacing, self._grid)
+        return sampler.gather(self._coefficients), sampler.gather_gradient(self._coefficients) / self.spacing
+
+    @torch.no_grad()
+    def detached(self, points: Tensor) -> tuple[Tensor, Tensor]:
+        """The same without a graph."""
+        return self(points)
 
 
-def _crop(values: Tensor) -> tuple[NDArray[np.float32], list[int]]:
+def _field(values: Tensor) -> tuple[Tensor, list[int]]:
+    """What is sampled: the box around the solid with a margin, smoothed if it survives; the index of its first voxel.
+
+    The surroundings of the volume, and what stands for infinite values, are constants.
+    """
+    sharp, first = _crop(values)
+    smooth = gaussian(sharp, _SIGMA)
+    before, after = int((sharp > 0).count_nonzero()), int((smooth > 0).count_nonzero())
+    survives = 2 * after >= before and 2 * (smooth.numel() - after) >= sharp.numel() - before
+    return smooth if survives else sharp, first
+
+
+def _crop(values: Tensor) -> tuple[Tensor, list[int]]:
     """The box around the solid with a margin, in units of the median value, and the index of its first voxel."""
     box = occupied_box(values > 0)
     first = [start - _MARGIN for start, _ in box]
     last = [stop + _MARGIN for _, stop in box]
-    cut = values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu()
-    part: NDArray[np.floating[Any]] = (cut if cut.dtype == torch.float64 else cut.float()).numpy()
-    finite = part[np.isfinite(part)]
-    size = float(np.abs(finite).max(initial=0.0)) or 1.0
-    bottom, top = float(finite.min(initial=0.0)) or -size, float(finite.max(initial=0.0)) or size
-    part = np.nan_to_num(part, nan=bottom, posinf=top, neginf=bottom)
+    part = at_least_single(values[tuple(slice(max(0, a), b) for a, b in zip(first, last, strict=True))].cpu())
+    finite = part.detach()[part.isfinite()]
+    size = float(finite.abs().amax()) if len(finite) else 0.0
+    low, high = (float(end) for end in finite.aminmax()) if size else (0.0, 0.0)
+    bottom, top = min(low, 0.0) or -(size or 1.0), max(high, 0.0) or size or 1.0
     missing = [(max(0, -a), max(0, b - n)) for a, b, n in zip(first, last, values.shape, strict=True)]
-    return in_single_precision(np.pad(part, missing, constant_values=bottom)), first
+    around = [count for pair in reversed(missing) for count in pair]
+    finite_part = torch.nan_to_num(part, nan=bottom, posinf=top, neginf=bottom)
+    return at_moderate_size(torch.nn.functional.pad(finite_part, around, value=bottom)), first

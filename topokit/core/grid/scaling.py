@@ -1,21 +1,31 @@
-"""Fields in single precision, whatever their size."""
+"""Fields of moderate size, whatever the size of their values."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
-import numpy as np
-from numpy.typing import NDArray
+import torch
+from torch import Tensor
 
 _RANGE = 1e30  # squares of its ends do not leave double precision, sums and differences not single precision
 
 
-def in_single_precision(values: NDArray[Any]) -> NDArray[np.float32]:
+def at_moderate_size(values: Tensor) -> Tensor:
     """Finite values times the power of two that brings their median size to about 1; each keeps its sign.
 
     Sizes beyond 10³⁰ or below 10⁻³⁰ become that. The level set of zero stays where it is.
+
+    Args:
+        values: float32 or float64, any shape, on the CPU.
+
+    Returns:
+        The same type and shape; differentiable at a fixed power of two.
     """
-    sizes = np.abs(values, dtype=np.result_type(values, np.float32))
-    exponent = int(np.frexp(np.median(sizes[sizes > 0]))[1]) if sizes.any() else 0
-    np.clip(np.ldexp(sizes, -exponent, out=sizes), 1 / _RANGE, _RANGE, out=sizes)
-    return (np.sign(values) * sizes).astype(np.float32)
+    sizes = values.detach().abs()
+    above = sizes[sizes > 0]
+    exponent = math.frexp(float(above.median()))[1] if len(above) else 0
+    half = exponent // 2
+    scaled = values * 2.0**-half * 2.0 ** (half - exponent)  # one factor alone may leave the type
+    sizes = scaled.detach().abs()
+    is_moderate = ((sizes >= 1 / _RANGE) & (sizes <= _RANGE)) | (values == 0)
+    return torch.where(is_moderate, scaled, sizes.clamp(1 / _RANGE, _RANGE).copysign(values.detach()))

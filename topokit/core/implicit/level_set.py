@@ -11,6 +11,7 @@ from torch import Tensor
 
 from topokit.core.draws import stratified_draw
 from topokit.core.grid.grid import Grid
+from topokit.core.linalg import normalize
 
 Floats = NDArray[np.float64]
 Evaluate = Callable[[Tensor], Tensor]
@@ -193,3 +194,9 @@ def implicit_point(value: Tensor, point: Tensor, gradient: Tensor) -> Tensor:
     square = gradient.square().sum(-1, keepdim=True)
     direction = gradient / torch.where(square > 0, square, 1)
     return point.detach() - value[:, None] * direction
+
+
+def outward_normals(gradient: Tensor, fallback: Tensor) -> Tensor:
+    """Unit normals −∇F/|∇F| (N, 3); where the gradient vanishes, the fallback's, (N, 3) or (3,)."""
+    flat = (gradient.detach() == 0).all(-1, keepdim=True)
+    return torch.where(flat, fallback, normalize(torch.where(flat, fallback, -gradient)))

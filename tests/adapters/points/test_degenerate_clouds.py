@@ -36,7 +36,6 @@ ZOO: dict[str, Callable[[int], Floats]] = {
     "nearly a line": lambda n: noise(n) * [1, 1e-5, 1e-5],
     "lattice": lambda n: lattice(round(n ** (1 / 3))),
     "flat lattice": lambda n: lattice(round(n**0.5))[:: round(n**0.5)],
-    "all points equal": lambda n: np.ones((n, 3)),
     "two places": lambda n: np.repeat([[0.0, 0, 0], [1, 1, 1]], n // 2, axis=0),
     "33 points": lambda n: sphere(33),
 }
@@ -53,7 +52,7 @@ def test_degenerate_clouds_are_never_believed(name: str) -> None:
     assert report.reasons
 
 
-@pytest.mark.parametrize("name", ["all points equal", "two places", "line"])
+@pytest.mark.parametrize("name", ["two places", "line"])
 def test_large_clouds_without_volume_are_refused(name: str) -> None:
     report = report_of(ZOO[name](200_000))
     assert report.verdict == "unsure"

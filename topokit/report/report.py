@@ -84,7 +84,7 @@ class TopologyReport:
             it does not, that there is too little of it, or that the surface is open.
         reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
-        estimate: the Gauss–Bonnet estimate χ⁽⁰⁾, or None if it was not computed.
+        estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, or None if it was not computed.
         refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
         solid: the solid that a mesh encloses by winding number, or None if it was not computed.
         resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.

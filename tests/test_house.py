@@ -14,6 +14,7 @@ import topokit
 
 ROOT = Path(topokit.__file__).parent
 FLOORS = [
+    {"text"},
     {"errors", "ending"},
     {"inputs"},
     {"core"},
@@ -108,6 +109,8 @@ def test_public_names_are_there_and_few() -> None:
         assert getattr(topokit, name).__doc__, name
     with pytest.raises(AttributeError, match="nothing"):
         _ = topokit.nothing
+    with pytest.raises(AttributeError, match=r"from_pointcloud.*from_points"):
+        _ = topokit.from_pointcloud
 
 
 def loaded_after(code: str) -> set[str]:

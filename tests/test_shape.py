@@ -227,3 +227,11 @@ def test_details_of_a_mesh_tell_the_solid_it_encloses() -> None:
     assert "intersects or overlaps itself" in report.reasons[-1]
     assert report.estimate is not None
     assert report.refined == pytest.approx(4, abs=1e-3)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is such a device")
+def test_a_device_that_is_not_there_is_an_error_of_ours() -> None:
+    shape = tk.from_mesh(icosphere(1))
+    for device in ("cuda", "nonsense"):
+        with pytest.raises(tk.InputError, match="cannot be moved"):
+            shape.to(device)

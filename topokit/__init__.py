@@ -4,7 +4,19 @@ Public names are imported when they are first used, so `import topokit` loads ne
 listed in `__init__.pyi`, which type checkers read, too.
 """
 
+from typing import Any
+
 import lazy_loader
 
 __version__ = "0.1.0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        return _attribute(name)
+    from difflib import get_close_matches
+
+    hints = [f" Did you mean {near}?" for near in get_close_matches(name, __all__, 1)]
+    message = f"topokit has no attribute {name!r}.{''.join(hints)}"
+    raise AttributeError(message, name=name, obj=None)  # without an object Python adds no hint of its own

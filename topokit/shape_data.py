@@ -20,7 +20,7 @@ from topokit.core.neighbors import nearest_neighbors
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
 from topokit.core.surface import TriangleSurface
-from topokit.errors import InputError
+from topokit.errors import InputError, summary
 from topokit.report.examination import Examination
 from topokit.report.report import CountedAnswer
 
@@ -132,8 +132,17 @@ class ShapeData:
         """The shape with its samples and mesh on another device or in another floating type.
 
         Arguments as for `torch.Tensor.to`. A field stays where it is.
+
+        Raises:
+            InputError: if there is no such device or type here; the message is that of torch.
         """
-        samples, mesh = self.samples.to(*args, **kwargs), self.mesh
+        mesh = self.mesh
+        try:
+            samples = self.samples.to(*args, **kwargs)
+        except torch.OutOfMemoryError:
+            raise
+        except (AssertionError, RuntimeError) as error:  # the first if torch is made without such devices
+            raise InputError(f"{self.name} cannot be moved there ({summary(error)}).") from error
         if mesh is not None:
             mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
         return self._with(samples, mesh)

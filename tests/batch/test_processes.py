@@ -1,4 +1,4 @@
-"""Tasks in several processes: order, deaths, and an early end."""
+"""Tasks in several processes: results as they are known, deaths, and an early end."""
 
 from __future__ import annotations
 
@@ -21,27 +21,32 @@ def after_death(task: float, how: str) -> str:
     return f"{task} died: {how}"
 
 
-def test_results_come_in_the_order_of_the_tasks() -> None:
-    tasks = [0.4, 0.0, 0.1, 0.0, 0.0]
-    assert list(map_in_processes(time.sleep, tasks, 2, after_death)) == [None] * 5
+def test_results_come_as_they_are_known() -> None:
+    coming = map_in_processes(time.sleep, [2.0, 0.0, 0.0], 2, after_death)
+    assert [number for number, _ in coming] == [1, 2, 0]
     words = [f"word {n}" for n in range(40)]
-    assert list(map_in_processes(str.upper, words, 3, after_death)) == [word.upper() for word in words]
+    assert dict(map_in_processes(str.upper, words, 3, after_death)) == dict(enumerate(map(str.upper, words)))
 
 
 def test_a_process_that_dies_costs_one_result() -> None:
-    found = list(
-        map_in_processes(signal.raise_signal, [signal.SIGWINCH, signal.SIGSEGV, signal.SIGWINCH], 2, after_death)
-    )
-    assert found[::2] == [None, None]
+    signals = [signal.SIGWINCH, signal.SIGSEGV, signal.SIGWINCH]
+    found = dict(map_in_processes(signal.raise_signal, signals, 2, after_death))
+    assert (found[0], found[2]) == (None, None)
     assert str(found[1]).endswith("its process died (SIGSEGV, Segmentation fault)")
-    found = list(map_in_processes(os._exit, [3], 1, after_death))
-    assert found == ["3 died: its process died (exit code 3)"]
-    found = list(map_in_processes(signal.raise_signal, [signal.SIGKILL], 1, after_death))
+    found = dict(map_in_processes(os._exit, [3], 1, after_death))
+    assert found == {0: "3 died: its process died (exit code 3)"}
+    found = dict(map_in_processes(signal.raise_signal, [signal.SIGKILL], 1, after_death))
     assert "SIGKILL, Killed: perhaps the memory was used up" in str(found[0])
 
 
+def test_an_exception_in_a_process_is_named() -> None:
+    found = dict(map_in_processes(int, ["1", "\udcff", "2"], 2, after_death))  # type: ignore[arg-type]
+    assert (found[0], found[2]) == (1, 2)
+    assert "ValueError: invalid literal for int() with base 10" in str(found[1])
+
+
 def test_what_a_function_prints_does_not_disturb(capfd: pytest.CaptureFixture[str]) -> None:
-    assert list(map_in_processes(os.system, ["echo noise"], 1, after_death)) == [0]
+    assert list(map_in_processes(os.system, ["echo noise"], 1, after_death)) == [(0, 0)]
     found = capfd.readouterr()
     assert (found.out, found.err) == ("", "noise\n")
 
@@ -49,7 +54,7 @@ def test_what_a_function_prints_does_not_disturb(capfd: pytest.CaptureFixture[st
 def test_processes_end_with_the_iterator() -> None:
     started = time.perf_counter()
     coming = map_in_processes(time.sleep, [0.0, 100.0, 100.0], 2, after_death)
-    assert next(coming) is None
+    assert next(coming) == (0, None)
     coming.close()
     assert time.perf_counter() - started < 60
     with pytest.raises(StopIteration):
@@ -61,7 +66,7 @@ def test_temporary_files_of_processes_are_removed(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(tempfile, "tempdir", None)
     make = "(__import__('tempfile').mkdtemp(), __import__('time').sleep(1000 * {}))[0]"
     coming = map_in_processes(eval, [make.format(0), make.format(1)], 2, after_death)
-    assert Path(next(coming)).parent.parent == tmp_path
+    assert Path(next(coming)[1]).parent.parent == tmp_path
     coming.close()
     assert not list(tmp_path.iterdir())
 
@@ -76,7 +81,7 @@ def test_few_tasks_are_taken_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
             yield str(n)
 
     coming = map_in_processes(str.upper, tasks(), 2, after_death)  # type: ignore[arg-type]
-    assert list(islice(coming, 2)) == ["0", "1"]
+    assert len(list(islice(coming, 2))) == 2
     assert len(taken) <= 5
     coming.close()
 
@@ -85,15 +90,16 @@ def test_threads_are_shared_among_the_processes(monkeypatch: pytest.MonkeyPatch)
     for name in processes._THREADS:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(processes, "n_cores", lambda: 8)
-    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"] * 3, 4, after_death)) == ["2"] * 3
+    found = dict(map_in_processes(os.getenv, ["OMP_NUM_THREADS"] * 3, 4, after_death))
+    assert found == dict.fromkeys(range(3), "2")
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"], 4, after_death)) == ["7"]
+    assert list(map_in_processes(os.getenv, ["OMP_NUM_THREADS"], 4, after_death)) == [(0, "7")]
 
 
 def test_a_script_needs_no_guard() -> None:
     script = (
         "from topokit.batch.processes import map_in_processes\n"
-        "print(list(map_in_processes(str.upper, ['a', 'b'], 2, None)))\n"
+        "print(sorted(map_in_processes(str.upper, ['a', 'b'], 2, None)))\n"
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100)
-    assert (ran.stdout, ran.stderr) == ("['A', 'B']\n", "")
+    assert (ran.stdout, ran.stderr) == ("[(0, 'A'), (1, 'B')]\n", "")

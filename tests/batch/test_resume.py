@@ -88,7 +88,7 @@ def test_other_files_are_refused(tmp_path: Path, content: str, message: str) -> 
     path = tmp_path / "rows.jsonl"
     path.write_text(content)
     with pytest.raises(InputError, match=message):
-        Journal(path, {}).finished()
+        Journal(path, {}).finished({})
     assert path.read_text() == content
 
 
@@ -142,7 +142,71 @@ def test_a_label_that_failed_has_all_labels_of_its_file_examined_again(tmp_path:
     whole = tk.survey(tmp_path, labels="all", resume=path).rows
     lines = [json.loads(line) for line in path.read_text().splitlines()]
     lines[1]["error"] = "it had no luck"
-    path.write_text("".join(json.dumps(line) + "\n" for line in [*lines, lines[-1] | {"file": "last"}]))
+    path.write_text(
+        "".join(json.dumps(line) + "\n" for line in [*lines, lines[-1] | {"file": "last", "source": {"path": "last"}}])
+    )
     again = tk.survey(tmp_path, labels="all", resume=path, retry_failed=True)
     assert without_times(again.rows) == without_times(whole)
     assert opened == ["a.npy", "b.npy", "a.npy"]
+
+
+def test_a_file_is_known_by_its_place_not_by_its_spelling(
+    folder: Path, tmp_path: Path, opened: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = tmp_path / "rows.jsonl"
+    (tmp_path / "link").symlink_to(folder)
+    monkeypatch.chdir(tmp_path)
+    first = tk.survey("files", resume=journal).rows
+    del opened[:]
+    for spelling in (folder, Path("link"), f"{tmp_path}/../{tmp_path.name}/files", "files/*.stl"):
+        again = tk.survey(spelling, resume=journal)
+        assert [row["genus"] for row in again.rows] == [row["genus"] for row in first]
+        assert [row["file"] for row in again.rows] == list(again.files)
+    assert opened == []
+    assert len(journal.read_text().splitlines()) == 6
+
+
+def test_a_file_that_was_replaced_is_examined_again(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    assert [row["genus"] for row in tk.survey(folder, resume=journal).rows] == [1, 1, None, 1, 1, 1]
+    del opened[:]
+    shutil.copy(DATA / "sphere.ply", folder / "1.stl")
+    (folder / "3.stl").unlink()
+    (folder / "3.stl").write_bytes((DATA / "torus.stl").read_bytes())  # of the same size, but newer
+    assert [row["genus"] for row in tk.survey(folder, resume=journal).rows] == [1, 0, None, 1, 1, 1]
+    assert opened == ["1.stl", "3.stl"]
+    assert len(journal.read_text().splitlines()) == 6
+
+
+def test_lines_without_a_stamp_start_anew(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    rows = tk.survey(folder, resume=journal).rows
+    del opened[:]
+    lines = [json.loads(line) for line in journal.read_text().splitlines()]
+    journal.write_text(
+        "".join(json.dumps({key: line[key] for key in line if key != "source"}) + "\n" for line in lines)
+    )
+    assert without_times(tk.survey(folder / "4.stl", resume=journal).rows) == without_times(rows[4:5])
+    assert opened == ["4.stl"]
+    assert without_times(tk.survey(folder, resume=journal).rows) == without_times(rows)
+    assert sorted(opened) == ["0.stl", "1.stl", "2.stl", "3.stl", "4.stl", "5.stl"]
+
+
+def test_one_file_under_two_names_has_one_row_for_each(folder: Path, tmp_path: Path, opened: list[str]) -> None:
+    journal = tmp_path / "rows.jsonl"
+    files = [folder / "0.stl", tmp_path / "other.stl"]
+    files[1].symlink_to(files[0])
+    for _ in range(2):
+        assert [row["file"] for row in tk.survey(files, resume=journal).rows] == list(map(str, files))
+    assert len(opened) == 2
+
+
+def test_a_volume_of_many_files_is_examined_again_after_a_change(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    array = zarr.create_array(tmp_path / "ball.zarr", shape=(8, 8, 8), chunks=(4, 4, 4), dtype="uint8")
+    array[2:6, 2:6, 2:6] = 1
+    journal = tmp_path / "rows.jsonl"
+    for value, cavities in ((1, 0), (0, 1)):
+        array[3:5, 3:5, 3:5] = value
+        (row,) = tk.survey(tmp_path / "ball.zarr", level=0.5, resume=journal).rows
+        assert row["cavities"] == cavities

@@ -54,6 +54,10 @@ def test_files_are_taken_as_they_are_named(folder: Path) -> None:
 def test_patterns(folder: Path) -> None:
     assert names(folder, f"{folder}/*.ply") == ["b.ply"]
     assert names(folder, f"{folder}/**/*.ply") == ["b.ply", "deep/a.ply", "deep/deeper/c.ply"]
+    shutil.copy(DATA / "sphere.ply", folder / "deep" / "B.PLY")
+    assert names(folder, f"{folder}/**/*.ply") == ["b.ply", "deep/B.PLY", "deep/a.ply", "deep/deeper/c.ply"]
+    assert names(folder, f"{folder}/**/*.PLY") == ["b.ply", "deep/B.PLY", "deep/a.ply", "deep/deeper/c.ply"]
+    (folder / "deep" / "B.PLY").unlink()
     assert names(folder, f"{folder}/d*") == ["deep/a.ply", "deep/deeper/c.ply"]
     assert names(folder, f"{folder}/*.obj") == ["*.obj"]  # opening it says that it does not exist
     bracketed = folder / "part[1].ply"

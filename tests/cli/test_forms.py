@@ -132,6 +132,14 @@ def test_conditions_set_the_exit_code(folder: Path, condition: str, code: int) -
     assert invoke("euler", DATA / "edge_sharing_cubes.obj", "--fail-on", "non-manifold").exit_code == 1
 
 
+def test_who_met_a_condition_is_said(folder: Path) -> None:
+    found = invoke("report", folder / "torus.stl", folder / "bowl.obj", "--fail-on", "genus>0,open,cavities>2", "--csv")
+    assert found.stderr.splitlines() == [
+        f"topokit: {folder / 'torus.stl'} meets genus>0 (1)",
+        f"topokit: {folder / 'bowl.obj'} meets open, cavities>2 (unknown)",
+    ]
+
+
 def test_all_files_are_examined_unless_it_shall_stop(folder: Path) -> None:
     files = folder / "truncated.stl", folder / "torus.stl"
     assert invoke("euler", *files).stdout == f"0\tcertain\t{files[1]}\n"
@@ -204,6 +212,10 @@ def test_advice_is_given_in_options(tmp_path: Path) -> None:
     assert "from_" not in found
     line = "Use topokit.from_points, or topokit.from_mesh(vertices, faces)."
     assert in_shell(line, "a.obj") == "Use --adapter points, or topokit.from_mesh(vertices, faces)."
+    line = "Pass level=2 or run topokit.from_voxels(array, spacing=(1, 2, 3), level=2): spacing=1 is right."
+    assert in_shell(line, "a.tif") == (
+        "Pass --level 2 or run topokit.from_voxels(array, spacing=(1, 2, 3), level=2): --spacing 1 is right."
+    )
 
 
 @pytest.mark.parametrize("charset", ["ascii", "cp1252", "cp437", "latin-1", "utf-8"])

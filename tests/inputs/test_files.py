@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from intact_files import FLAT
 
+import topokit as tk
 from topokit.errors import ReadError
 from topokit.inputs.files import existing_file, head
 from topokit.inputs.numpy_header import array_shapes, numpy_kind
@@ -66,3 +70,15 @@ def test_what_numpy_headers_announce(tmp_path: Path) -> None:
     assert numpy_kind(volume, head(volume)) == "points"
     named.write_bytes(b"words")
     assert numpy_kind(named, head(named)) is None
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+@pytest.mark.parametrize("kind", ["stl", "stl as text", "ply as text", "npy points", "parquet", "3dgs", "splat", "pcd"])
+def test_names_need_not_be_utf_8(tmp_path: Path, kind: str) -> None:
+    name, write = FLAT[kind]
+    path = tmp_path / f"{os.fsdecode(bytes([0xE9, 0x1B]))}{Path(name).suffix}"
+    path.write_bytes(write(np.random.default_rng(3)))
+    assert tk.load(path).samples.n_points > 0
+    path.write_bytes(path.read_bytes()[:20])
+    with pytest.raises(tk.TopokitError):
+        tk.load(path).report()

@@ -574,7 +574,7 @@ def test_a_file_without_suffix_is_not_quoted_as_one(tmp_path: Path) -> None:
 
 def test_folders_are_offered_to_adapters(tmp_path: Path) -> None:
     (tmp_path / "slices").mkdir()
-    assert message(tk.TopokitError, tmp_path / "slices").endswith("is a directory; give the files in it one by one.")
+    assert message(tk.TopokitError, tmp_path / "slices").endswith("or examine all of them with topokit.survey.")
     make("slices", content=True)
     assert tk.load(tmp_path / "slices").name == "slices"
 

@@ -1,13 +1,18 @@
-"""Short names of files that still tell them apart."""
+"""Names of files: short ones that still tell them apart, and those that files of data can hold."""
 
 from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from urllib.parse import quote
 
 from topokit.batch.sources import Source
+from topokit.inputs.remote import is_address
+from topokit.text import is_unicode
+
+_ASCII = "".join(map(chr, range(0x21, 0x7F)))
 
 
 def distinguishing_names(sources: Sequence[Source]) -> dict[str, str]:
@@ -39,3 +44,18 @@ def names_in_common_folder(sources: Sequence[Source]) -> dict[str, str]:
         return distinguishing_names(sources)
     names = {source.name: source.name for source in sources}
     return names | {name: place.relative_to(folder).as_posix() for name, place in places.items()}
+
+
+def name_as_data(name: str, is_fit: Callable[[str], bool] = is_unicode) -> str:
+    """The name of a file as JSON, CSV and Parquet hold it: as it is, or as a file: address with %XX for bytes.
+
+    Args:
+        name: of a source.
+        is_fit: whether the format can hold a name; by default every one that is UTF-8.
+
+    Reference:
+        RFC 8089 (file: addresses).
+    """
+    if is_fit(name):
+        return name
+    return quote(os.fsencode(name), safe=_ASCII) if is_address(name) else Path(name).absolute().as_uri()

@@ -8,8 +8,10 @@ from itertools import islice
 from typing import Any
 
 from topokit.batch.examine import COLUMNS, Row
+from topokit.batch.names import name_as_data
 from topokit.errors import MissingDependencyError
 from topokit.inputs.writing import completed_file
+from topokit.text import as_unicode
 
 _GROUP = 4096  # rows that are held in memory, and read together later
 _TEXTS = ("file", "adapter", "verdict", "reason", "error")
@@ -30,10 +32,15 @@ def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str]) -> None:
     except ImportError as error:
         raise MissingDependencyError('Writing Parquet needs pyarrow: pip install "topokit[cluster]".') from error
     schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in COLUMNS])
-    coming = iter(rows)
+    coming = map(_portable, rows)
     with completed_file(path) as unfinished, ParquetWriter(unfinished, schema) as writer:
         while group := list(islice(coming, _GROUP)):
             writer.write_table(pyarrow.Table.from_pylist(group, schema))
+
+
+def _portable(row: Row) -> Row:
+    texts = {name: as_unicode(row[name]) for name in _TEXTS if row[name] is not None}
+    return row | texts | {"file": name_as_data(row["file"])}
 
 
 def _kind(pyarrow: Any, name: str) -> Any:

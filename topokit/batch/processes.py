@@ -1,4 +1,4 @@
-"""A function applied in several processes, with results in order; a process that dies costs one result."""
+"""A function applied in several processes, with results as they are known; a process that dies costs one result."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
@@ -23,7 +22,7 @@ from topokit.ending import finally_do
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_AHEAD = 256  # tasks begun before the first result is taken: enough to work on behind a slow one, few enough to keep
+_AHEAD = 1024  # tasks begun behind one that is not done: enough to work on, few enough to hold until they are in order
 _START = "import sys; sys.path[:] = {path!r}; from topokit.batch.worker import main; main()"
 # A process group of its own: an interrupt from the keyboard goes to a whole group, and the parent ends its workers.
 _APART: dict[str, Any] = {"creationflags": 0x200} if sys.platform == "win32" else {"process_group": 0}
@@ -36,8 +35,8 @@ def map_in_processes(
     jobs: int,
     after_death: Callable[[Task, str], Result],
     limits: Limits = NO_LIMITS,
-) -> Generator[Result]:
-    """The results of a function in the order of its tasks, each as soon as it and those before it are known.
+) -> Generator[tuple[int, Result]]:
+    """The results of a function with the numbers of their tasks, as they are known.
 
     The processes import the function by its name, but not the caller's main module, so a script needs no guard. Each
     has its share of the cores for threads of its own, unless the environment says otherwise. They end with the
@@ -73,13 +72,16 @@ def map_in_processes(
     threads = ThreadPoolExecutor(jobs)
     try:
         with finally_do(folder.cleanup), finally_do(kill):
-            waiting: deque[Future[Result]] = deque()
-            for task in tasks:
-                waiting.append(threads.submit(run, task))
-                if len(waiting) >= _AHEAD:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
+            begun: dict[Future[Result], int] = {}  # in the order of the tasks
+            done: queue.SimpleQueue[Future[Result]] = queue.SimpleQueue()
+            for number, task in enumerate(tasks):
+                future = threads.submit(run, task)
+                begun[future] = number
+                future.add_done_callback(done.put)
+                while begun and number - next(iter(begun.values())) >= _AHEAD - 1:
+                    yield begun.pop(known := done.get()), known.result()
+            while begun:
+                yield begun.pop(known := done.get()), known.result()
     finally:
         threads.shutdown(cancel_futures=True)
         for worker in workers:
@@ -88,6 +90,10 @@ def map_in_processes(
 
 class DeathError(Exception):
     """A process ended before it answered; the message says how."""
+
+
+class _LastWordsError(EOFError):
+    """An exception ended a process; the message is what it said of it."""
 
 
 class Worker:
@@ -118,8 +124,8 @@ class Worker:
         try:
             with watched(self._limits, process.pid, end):
                 content = _reply(process, function, task)
-        except (EOFError, OSError):
-            ended = _how_it_ended(self.close())
+        except (EOFError, OSError) as error:
+            ended = _how_it_ended(self.close(), error)
             raise DeathError(exceeded[0] if exceeded else ended) from None
         if exceeded:  # it was ended just after its answer
             self.close()
@@ -160,8 +166,8 @@ class Worker:
         """Let the process import what every task needs, which no limit counts, and note the memory that this takes."""
         try:
             _reply(process, import_what_is_needed, None)
-        except (EOFError, OSError):
-            raise DeathError(_how_it_ended(self.close())) from None
+        except (EOFError, OSError) as error:
+            raise DeathError(_how_it_ended(self.close(), error)) from None
         self._least = memory_of(process.pid)
 
     def _replace_if_full(self, process: subprocess.Popen[bytes]) -> None:
@@ -178,7 +184,9 @@ def _reply(process: subprocess.Popen[bytes], function: Callable[[Task], Result],
     assert replies is not None
     requests.write(pickle.dumps((function, task)))
     requests.flush()
-    return _read(replies, int.from_bytes(_read(replies, LENGTH_BYTES), "little"))
+    if n_bytes := int.from_bytes(_read(replies, LENGTH_BYTES), "little"):
+        return _read(replies, n_bytes)
+    raise _LastWordsError(replies.read().decode())
 
 
 def _read(stream: IO[bytes], n_bytes: int) -> bytes:
@@ -188,7 +196,9 @@ def _read(stream: IO[bytes], n_bytes: int) -> bytes:
     return content
 
 
-def _how_it_ended(code: int) -> str:
+def _how_it_ended(code: int, noticed: Exception) -> str:
+    if isinstance(noticed, _LastWordsError):
+        return f"its process ended with {noticed}"
     if code >= 0:
         return f"its process died (exit code {code})"
     name = signal.Signals(-code).name

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from topokit.errors import TopokitError
+from topokit.errors import InputError, TopokitError
 from topokit.inputs.remote import is_address, matching_addresses
 from topokit.plugins.registry import is_known
 from topokit.report.wording import plural
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
+_SUFFIX, _LETTER = re.compile(r"\.[A-Za-z0-9.]+$"), re.compile("[A-Za-z]")
 _PROSE = (".txt", ".csv")  # suffixes of clouds, but also of notes and tables, which lie in the same folders
 
 
@@ -46,19 +48,22 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
 
     Files and addresses are taken as they are named. Of a folder and the folders in it, those files are taken that an
     adapter knows by content or suffix, sorted by name; what begins with a dot is left out. Patterns are those of
-    `glob`: `*`, `?`, `[a-z]`, and `**` for folders at any depth; in addresses only `*` makes one.
+    `glob`: `*`, `?`, `[a-z]`, and `**` for folders at any depth; in addresses only `*` makes one. The suffix at the end
+    of a pattern matches capitals and small letters alike.
 
     Args:
         paths: one or several.
         adapter: name of the adapter that will open them; of folders only its files are taken.
+
+    Raises:
+        InputError: if one of the paths is something else.
     """
-    given = [paths] if isinstance(paths, str | os.PathLike) else list(paths)
     finder = _Finder(adapter)
-    for path in given:
+    for path in _listed(paths):
         if is_address(path):
             finder.add_address(str(path))
             continue
-        for one in _expanded(os.fspath(path)):
+        for one in _expanded(_at_home(os.fspath(path))):
             finder.add(one)
     return Sources(tuple(finder.sources), tuple(finder.passed_over))
 
@@ -116,14 +121,35 @@ class _Finder:
         self.sources.append(Source(path, str(path), problem))
 
 
+def _listed(paths: object) -> list[str | os.PathLike[str]]:
+    given = list(paths) if isinstance(paths, Iterable) and not isinstance(paths, str | os.PathLike) else [paths]
+    for one in given:
+        if not isinstance(one, str | os.PathLike):
+            raise InputError(
+                f"paths of files, folders and patterns were expected, not {type(one).__name__}. Shapes in memory have "
+                "reports of their own: [shape.report() for shape in shapes]."
+            )
+    return given
+
+
 def _holds_rows(path: Path) -> bool:
     from topokit.adapters.points.text import holds_rows  # imports NumPy, which the command line does without
 
     return holds_rows(path)
 
 
+def _at_home(path: str) -> str:
+    """The path with ~ as the home directory, unless it exists as it is."""
+    return path if os.path.lexists(path) else os.path.expanduser(path)
+
+
 def _expanded(path: str) -> list[Path]:
     """The paths that match a pattern; a path that exists or is no pattern stands for itself."""
     if not glob.has_magic(path) or os.path.lexists(path):
         return [Path(path)]
-    return [Path(match) for match in sorted(glob.glob(path, recursive=True))] or [Path(path)]
+    pattern = _SUFFIX.sub(lambda suffix: _LETTER.sub(_in_both_cases, suffix[0]), path)
+    return [Path(match) for match in sorted(glob.glob(pattern, recursive=True))] or [Path(path)]
+
+
+def _in_both_cases(letter: re.Match[str]) -> str:
+    return f"[{letter[0].lower()}{letter[0].upper()}]"

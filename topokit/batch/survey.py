@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,13 +12,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
 from topokit.batch.examine import COLUMNS, Answer, Given, Questions, Row, called
-from topokit.batch.journal import Journal, plain_options
+from topokit.batch.journal import Journal, plain_options, stamps_of
 from topokit.batch.limits import NO_LIMITS, Limits
-from topokit.batch.names import names_in_common_folder
+from topokit.batch.names import name_as_data, names_in_common_folder
 from topokit.batch.sources import Paths, Sources, find_sources
-from topokit.batch.workers import examine_each
+from topokit.batch.workers import examine_each, in_order
 from topokit.ending import written_whole
 from topokit.errors import InputError
+from topokit.inputs.remote import is_address
+from topokit.text import json_text
 
 if TYPE_CHECKING:
     from topokit.pages import Entry
@@ -53,6 +54,7 @@ class Survey:
         self._sources, self._questions = sources.sources, questions
         self._workers = jobs, limits, client
         self._journal = journal
+        self._stamps = {} if journal is None else stamps_of(sources.sources)
         self._rows = {} if journal is None else self._finished(journal)  # by the numbers of files
 
     def __iter__(self) -> Iterator[Row]:
@@ -95,10 +97,13 @@ class Survey:
         questions = replace(self._questions, with_page=True)
         with closing(examine_each(self._sources, questions, *self._workers)) as coming:
             names = names_in_common_folder(self._sources)
-            write_html((entry(answer, names) for _, answers in coming for answer in answers), path, title=title)
+            ordered = in_order(coming)
+            write_html((entry(answer, names) for _, answers in ordered for answer in answers), path, title=title)
 
     def save_parquet(self, path: str | os.PathLike[str]) -> None:
-        """Write the rows as a Parquet file, while they become known; the columns have the same types in every file.
+        """Write all rows as a Parquet file, in the order of files; the columns have the same types in every file.
+
+        A name that is not UTF-8 is written as the file: address of its file.
 
         Args:
             path: file to write; it appears when it is complete.
@@ -109,7 +114,7 @@ class Survey:
         """
         from topokit.batch.parquet import write_parquet
 
-        write_parquet(self, path)
+        write_parquet(self._in_order(), path)
 
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
@@ -123,23 +128,25 @@ class Survey:
         """
         return topology_distance(self.rows, other.rows)
 
+    def _in_order(self) -> Iterator[Row]:
+        yield from self.rows
+
     def _finished(self, journal: Journal) -> dict[int, list[Row]]:
         """The rows of the files that are in a journal already."""
-        records: dict[str, list[Row]] = {}
-        for record in journal.finished():
-            if record.keys() != set(COLUMNS):
-                raise InputError(f"{journal.path} has other columns than a survey; name another file to resume.")
-            records.setdefault(record["file"], []).append(record)
-        return {number: records[name] for number, name in enumerate(self.files) if name in records}
+        records = journal.finished(self._stamps).records
+        known = ((number, name) for number, name in enumerate(self.files) if name in records)
+        return {number: [row | {"file": name} for row in records[name]] for number, name in known}
 
     def _keep(self, number: int, rows: list[Row]) -> None:
         self._rows[number] = rows
         if self._journal is not None:
             from topokit.report.report import plain
 
-            records = (self._journal.record(row) for row in rows)
+            name = self.files[number]
+            values = ({key: plain(value) for key, value in row.items()} | {"file": name_as_data(name)} for row in rows)
+            records = (self._journal.record(one, self._stamps[name]) for one in values)
             with written_whole(), self._journal.path.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(plain(record), ensure_ascii=False) + "\n" for record in records)
+                file.writelines(f"{json_text(record)}\n" for record in records)
 
 
 def survey(
@@ -158,6 +165,8 @@ def survey(
 ) -> Survey:
     """Examine many files: one row for each, whatever happens.
 
+    With several processes or a cluster rows come as they are known, in any order; `Survey.rows` has that of the files.
+
     Args:
         paths: files, folders and patterns, one or several. Of a folder and the folders in it, the files are taken that
             an adapter knows.
@@ -170,7 +179,8 @@ def survey(
             paths. A worker that dies costs a retry, a file that ends all workers that try it one row.
         resume: file of JSON lines, to which the rows of each file are added as soon as they are known. Files that are
             in it already are not examined again: so a survey that was stopped goes on where it was, with the same
-            options, which the lines hold.
+            options, which the lines hold. A file is known by its real path, size and time of last change; one that
+            was changed is examined again.
         retry_failed: examine those files of it again that failed.
         adapter: name of the adapter to use; by content and suffix by default.
         labels: examine each label of labeled volumes as a shape of its own: "all" or a list of them.
@@ -181,8 +191,8 @@ def survey(
         A `Survey`: iterate over it, or take its `rows`, its `summary()` or the `distance()` to another one.
 
     Raises:
-        InputError: if `jobs` is negative, a limit is not positive, or the file to resume is no survey, or one with
-            other options.
+        InputError: if `jobs` is negative, a limit is not positive, the only path that is given does not exist,
+            something else than paths is given, or the file to resume is no survey, or one with other options.
 
     Example:
         >>> import tempfile, topokit as tk
@@ -205,8 +215,18 @@ def survey(
     journal = None
     if resume is not None:
         given = plain_options(adapter, options, labels=labels, details=details)
-        journal = Journal(Path(resume), given, several=labels is not None, retries=retry_failed)
-    return Survey(find_sources(paths, adapter), questions, jobs, Limits(time_limit, memory_limit), client, journal)
+        journal = Journal(Path(resume), given, COLUMNS, several=labels is not None, retries=retry_failed)
+    sources = find_sources(paths, adapter)
+    _require_something(paths, sources)
+    return Survey(sources, questions, jobs, Limits(time_limit, memory_limit), client, journal)
+
+
+def _require_something(paths: Paths, sources: Sources) -> None:
+    """Refuse a path that does not exist if there is no other: among several files it costs a row."""
+    if isinstance(paths, str | os.PathLike) and not is_address(paths):
+        (source, *more) = sources.sources
+        if not more and not os.path.lexists(source.path):
+            raise InputError(f"{source.name} does not exist, nor is it a pattern that matches files.")
 
 
 def entry(answer: Answer, names: Mapping[str, str]) -> Entry:

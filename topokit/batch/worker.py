@@ -6,9 +6,15 @@ import os
 import pickle
 import signal
 import sys
+from functools import partial
+from types import TracebackType
+from typing import BinaryIO
+
+from topokit.errors import summary
+from topokit.text import make_logs_printable
 
 LENGTH_BYTES = 8
-"""Of the number before every result, little end first: how many bytes follow."""
+"""Of the number before every result, little end first: how many bytes follow; 0 before the last words of a process."""
 
 
 def import_what_is_needed(_: None) -> None:
@@ -32,13 +38,22 @@ def main() -> None:
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as replies:
-        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-        while True:
-            try:
-                function, task = pickle.load(sys.stdin.buffer)
-            except EOFError:
-                return
-            content = pickle.dumps(function(task))
-            replies.write(len(content).to_bytes(LENGTH_BYTES, "little") + content)
-            replies.flush()
+    replies = os.fdopen(os.dup(sys.stdout.fileno()), "wb")  # ends with the process, after its last words
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    sys.excepthook = partial(_end_with, replies)
+    make_logs_printable()
+    while True:
+        try:
+            function, task = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        content = pickle.dumps(function(task))
+        replies.write(len(content).to_bytes(LENGTH_BYTES, "little") + content)
+        replies.flush()
+
+
+def _end_with(replies: BinaryIO, kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:
+    """Tell the parent what ends this process, and print the traceback."""
+    replies.write(bytes(LENGTH_BYTES) + summary(error).encode("utf-8", "backslashreplace"))
+    replies.flush()
+    sys.__excepthook__(kind, error, where)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from topokit.batch.examine import Answer, Options, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
@@ -17,6 +17,8 @@ from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
 from topokit.errors import TopokitError
 from topokit.inputs.remote import is_zarr_address
+
+Item = TypeVar("Item")
 
 _LARGE = (  # what several workers may share
     *(".zarr", ".h5", ".hdf5", ".npy"),  # files, or folders, that may hold a volume to be counted block by block
@@ -30,7 +32,7 @@ _FINE = 1024  # cells of a network's finest grid from which on all workers share
 def examine_each(
     sources: Sequence[Source], questions: Questions, jobs: int, limits: Limits = NO_LIMITS, client: Any = None
 ) -> Generator[tuple[int, list[Answer]]]:
-    """The answers about each source with its number, as they come: in order, but those of a cluster as they are known.
+    """The answers about each source with its number, as they are known: in order if this process examines them.
 
     Args:
         sources: files.
@@ -46,8 +48,19 @@ def examine_each(
     elif (jobs == 1 and not limits) or not sources:
         yield from enumerate(map(ask, sources))
     else:
-        with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death, limits)) as answers:
-            yield from enumerate(answers)
+        with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death, limits)) as coming:
+            yield from coming
+
+
+def in_order(coming: Iterable[tuple[int, Item]]) -> Iterator[tuple[int, Item]]:
+    """Numbered items in the order of their numbers 0, 1, 2, …: those that come early are held back."""
+    early: dict[int, Item] = {}
+    following = 0
+    for number, item in coming:
+        early[number] = item
+        while following in early:
+            yield following, early.pop(following)
+            following += 1
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +12,13 @@ from typing import Any, Literal, TextIO
 
 import typer
 
-from topokit.batch.examine import Answer, Questions
-from topokit.batch.journal import Journal
+from topokit.batch.examine import Answer, Questions, called
+from topokit.batch.journal import Journal, stamps_of
 from topokit.batch.names import names_in_common_folder
 from topokit.batch.sources import Sources
 from topokit.batch.survey import entry
-from topokit.batch.workers import examine_each
+from topokit.batch.workers import examine_each, in_order
+from topokit.cli.conditions import Condition
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, is_same, sources_of
@@ -25,6 +26,7 @@ from topokit.cli.writers import Writer
 from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
 from topokit.report.wording import plural
+from topokit.text import printable
 
 MakeWriter = Callable[[TextIO, Sources], Writer]
 _HAVE_BARS = ("sdf", "occupancy")  # adapters that show the progress of their grids themselves
@@ -68,10 +70,10 @@ def answer_files(
         nonlocal has_failed
         for _, answers in coming:
             for answer in map(_in_terms_of_the_shell, map(check, answers)):
-                _show(answer, writer, bar if is_terminal or answer.error else None, request.verbose)
-                has_failed = has_failed or answer.error is not None or _meets(answer, request)
+                met = _met(answer, request.conditions)
+                _show(answer, met, writer, bar if is_terminal or answer.error or met else None, request.verbose)
+                has_failed = has_failed or answer.error is not None or bool(met)
                 yield answer
-            bar.advance()
             if has_failed and not request.keep_going:
                 return
 
@@ -85,12 +87,15 @@ def answer_files(
             _finished(make_writer(stream, found)) as writer,
             closing(examine_each(found.sources, questions, request.jobs, request.limits, client)) as coming,
         ):
-            _write_page(shown(coming, writer, bar, stream.isatty()), html, found)
+            known = bar.counting(coming)
+            is_ordered = client is None and (writer.is_ordered or html is not None)
+            _write_page(shown(in_order(known) if is_ordered else known, writer, bar, stream.isatty()), html, found)
     raise typer.Exit(int(has_failed or had_failed))
 
 
-def _meets(answer: Answer, request: Request) -> bool:
-    return answer.error is None and any(meets(answer.row) for meets in request.conditions)
+def _met(answer: Answer, conditions: Sequence[Condition]) -> list[str]:
+    """The conditions that a shape meets, each with what it found."""
+    return [] if answer.error is not None else [one.found(answer.row) for one in conditions if one.meets(answer.row)]
 
 
 def _write_page(answers: Iterator[Answer], html: Path | None, found: Sources) -> None:
@@ -116,16 +121,18 @@ def _finished(writer: Writer) -> Iterator[Writer]:
 
 def say(message: str) -> None:
     """A line on standard error."""
-    typer.echo(f"topokit: {message}", err=True)
+    typer.echo(f"topokit: {printable(message)}", err=True)
 
 
-def _show(answer: Answer, writer: Writer, bar: Bar | None, verbose: bool) -> None:
+def _show(answer: Answer, met: Sequence[str], writer: Writer, bar: Bar | None, verbose: bool) -> None:
     with written_whole(), nullcontext() if bar is None else bar.hidden():
         writer.write(answer)
         if answer.error is not None:
             say(answer.error)
         elif verbose:
             say(f"{answer.row['file']}: {answer.row['adapter']}, {answer.row['seconds']:.2f} s")
+        if met:
+            say(f"{called(answer.row)} meets {', '.join(met)}")
 
 
 def _in_terms_of_the_shell(answer: Answer) -> Answer:
@@ -174,14 +181,16 @@ def _cluster(request: Request) -> Iterator[Any]:
 def _unfinished(found: Sources, journal: Journal) -> tuple[Sources, bool]:
     """The sources that are not in the output yet, and whether one that is there failed."""
     try:
-        records = journal.finished()
+        finished = journal.finished(stamps_of(found.sources))
     except InputError as error:
         raise typer.BadParameter(f"--resume: {error}") from error
-    done = {record["file"] for record in records}
-    left = tuple(source for source in found.sources if source.name not in done)
+    left = tuple(source for source in found.sources if source.name not in finished.records)
     n_done = len(found.sources) - len(left)
     say(f"{plural(n_done, 'file')} of {len(found.sources)} {'was' if n_done == 1 else 'were'} examined before.")
-    failed = {record["file"] for record in records if record.get("error")}
+    if n_outdated := finished.n_outdated:
+        verb = "is" if n_outdated == 1 else "are"
+        say(f"{plural(n_outdated, 'file')} {verb} examined again: changed since, or their lines do not say of when.")
+    failed = [name for name, records in finished.records.items() if any(record.get("error") for record in records)]
     if failed:
         say(f"{len(failed)} of them failed; add --retry-failed to examine them again.")
     return replace(found, sources=left), bool(failed)

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 import typer
 
 from topokit.batch.examine import COLUMNS, Answer, called
-from topokit.batch.journal import Journal, plain_options
-from topokit.batch.names import distinguishing_names
+from topokit.batch.journal import Journal, plain_options, stamps_of
+from topokit.batch.names import distinguishing_names, name_as_data
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
-from topokit.cli.encoding import use_encodable_letters
+from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.forms import takes_form
 from topokit.cli.handles import handles
 from topokit.cli.options import Opener, described_options, opens_files
@@ -29,12 +29,14 @@ from topokit.cli.request import Format, Request, examines_files
 from topokit.cli.single import convert
 from topokit.cli.writers import CsvWriter, Form, JsonLinesWriter, JsonWriter, TableWriter, TextWriter, Writer
 from topokit.errors import AdapterWarning
+from topokit.text import make_logs_printable, printable, printable_lines
 
 if TYPE_CHECKING:
     from topokit.report.report import TopologyReport
     from topokit.shape import Shape
 
 app = typer.Typer(
+    cls=PrintableErrors,
     help="Curvature, Euler characteristic and genus of meshes, points, volumes, networks and splats.",
     epilog="Exit codes: 0 all files answered; 1 a file failed, or --fail-on was met; 2 wrong usage; 130 interrupted.",
     no_args_is_help=True,
@@ -66,9 +68,10 @@ def main(
         if issubclass(category, AdapterWarning):
             say(str(message))
         else:
-            usual(message, category, *where, **more)
+            usual(printable_lines(str(message)), category, *where, **more)
 
     use_encodable_letters()
+    make_logs_printable()
     usual, warnings.showwarning = warnings.showwarning, show
 
 
@@ -119,7 +122,8 @@ def report(
         if chosen == "json":
             return JsonWriter(stream, record)
         if chosen == "jsonl":
-            return JsonLinesWriter(stream, lambda answer: lines.record(record(answer)))
+            stamps = {} if output is None else stamps_of(found.sources)
+            return JsonLinesWriter(stream, lambda it: lines.record(record(it), stamps.get(it.row["file"])))
         if chosen == "csv":
             return CsvWriter(stream)
         if chosen == "table":
@@ -169,8 +173,8 @@ def _print_number(
         if answer.row[name] is not None or answer.report is None:
             return answer
         error = f"{called(answer.row)}: {missing}. {' '.join(answer.report.reasons)}"
-        empty = dict.fromkeys(COLUMNS) | _named(answer)
-        return Answer(empty | {"error": error})
+        named = {name: answer.row[name] for name in ("file", "label")}
+        return Answer(dict.fromkeys(COLUMNS) | named | {"error": error})
 
     def record(answer: Answer) -> dict[str, Any]:
         row = answer.row
@@ -179,7 +183,7 @@ def _print_number(
 
     def writer(stream: TextIO, found: Sources) -> Writer:
         if form is None:
-            return TextWriter(stream, lambda it: f"{it.row[name]}\t{it.row['verdict']}\t{called(it.row)}")
+            return TextWriter(stream, lambda it: f"{it.row[name]}\t{it.row['verdict']}\t{printable(called(it.row))}")
         return (JsonWriter if form == "json" else JsonLinesWriter)(stream, record)
 
     answer_files(files, opener, request, writer, check=check)
@@ -259,4 +263,4 @@ def _told_apart(answer: Answer, names: Mapping[str, str]) -> TopologyReport | No
 def _named(answer: Answer) -> dict[str, Any]:
     """The keys that say which shape a record is about."""
     row = answer.row
-    return {"file": row["file"]} | ({} if row["label"] is None else {"label": row["label"]})
+    return {"file": name_as_data(row["file"])} | ({} if row["label"] is None else {"label": row["label"]})

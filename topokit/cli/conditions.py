@@ -5,13 +5,35 @@ from __future__ import annotations
 import operator
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 from topokit.batch.examine import Row
 
-Condition = Callable[[Row], bool]
 
-_WORDS: dict[str, Condition] = {
+@dataclass(frozen=True)
+class Condition:
+    """What a row may meet.
+
+    Attributes:
+        text: as it is written on the command line.
+        meets: whether a row does.
+        column: the number that it is about, if it is about one.
+    """
+
+    text: str
+    meets: Callable[[Row], bool]
+    column: str | None = None
+
+    def found(self, row: Row) -> str:
+        """The condition with the number of a row: "genus>0 (6)"."""
+        if self.column is None:
+            return self.text
+        value = row[self.column]
+        return f"{self.text} ({'unknown' if value is None else value})"
+
+
+_WORDS: dict[str, Callable[[Row], bool]] = {
     "certain": lambda row: row["verdict"] == "certain",
     "likely": lambda row: row["verdict"] == "likely",
     "unsure": lambda row: row["verdict"] == "unsure",
@@ -45,9 +67,9 @@ def parse_conditions(texts: Iterable[str]) -> list[Condition]:
 
 def _parse(text: str) -> Condition:
     if text in _WORDS:
-        return _WORDS[text]
+        return Condition(text, _WORDS[text])
     found = _COMPARISON.fullmatch(text.replace("-loops", "_loops"))
     if found is None:
         raise ValueError(f"{text!r} is no condition; expected {EXPECTED}.")
     column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])
-    return lambda row: row[column] is None or compare(row[column], number)
+    return Condition(text, lambda row: row[column] is None or compare(row[column], number), column)

@@ -1,9 +1,19 @@
-"""Output that any encoding can carry: what a stream cannot encode is spelled in letters that it can."""
+"""Output that any encoding can carry and any terminal may show: letters that cannot be are spelled in others."""
 
 from __future__ import annotations
 
 import codecs
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from topokit.text import printable
+
+_UsageError: Any = typer.BadParameter.__base__  # typer has its own copy of click, or not
 
 _SPELLINGS = {
     "−": "-",
@@ -56,6 +66,29 @@ def use_encodable_letters() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="topokit")
+
+
+class PrintableErrors(TyperGroup):
+    """Commands whose usage errors may quote any name of a file."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Parse the options before the command."""
+        with _printable_errors():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, *args: Any, **kwargs: Any) -> Any:
+        """Parse the options of the command and run it."""
+        with _printable_errors():
+            return super().invoke(*args, **kwargs)
+
+
+@contextmanager
+def _printable_errors() -> Iterator[None]:
+    try:
+        yield
+    except _UsageError as error:
+        error.message = printable(error.message)
+        raise
 
 
 def carries_all(encoding: str | None) -> bool:

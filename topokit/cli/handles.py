@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ import typer
 from topokit.cli.options import Opener, opens_files
 from topokit.cli.request import Format
 from topokit.cli.single import ask
+from topokit.text import json_text
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -39,7 +39,7 @@ def handles(
             save_loops(Location(found, (), (), ()), output)
         rows = plain(found)
         if as_json:
-            return json.dumps(rows, indent=2)
+            return json_text(rows, indent=2)
         numbers = ((row["handle_length"], row["tunnel_length"], *row["center"]) for row in rows)
         return "\n".join("\t".join(f"{number:.6g}" for number in line) for line in numbers)
 

@@ -94,8 +94,9 @@ _ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
 # In messages of the library: n_samples, level=…, adapter='mesh'; "level" alone is a word.
 _NAMES = "|".join(("adapter", "labels", *_TEXTS))
 _IN_PYTHON = re.compile(rf"\b(n_neighbors|n_samples|(?:{_NAMES})(?==))(?:='?([^\s',;)]*[^\s',;.)])'?)?")
-# topokit.from_points as the name of what to use; with arguments it is a line of Python, and stays one.
-_OPENERS = re.compile(r"\btopokit\.from_(mesh|points|voxels|sdf|occupancy|splats)\b(?!\()")
+# topokit.from_points as the name of what to use.
+_OPENERS = re.compile(r"\btopokit\.from_(mesh|points|voxels|sdf|occupancy|splats)\b")
+_CODE = re.compile(r"(\btopokit\.\w+\((?:[^()]|\([^()]*\))*\))")  # a line of Python stays one
 
 
 @dataclass(frozen=True)
@@ -246,5 +247,9 @@ def in_shell(message: str, name: str) -> str:
         option, value = match.groups()
         return f"{_flag(option)} {value}" if value else _flag(option)
 
-    parts = (_OPENERS.sub(r"--adapter \1", _IN_PYTHON.sub(spelled, part)) for part in message.split(name))
-    return name.join(parts)
+    def translated(part: str) -> str:
+        pieces = _CODE.split(part)
+        pieces[::2] = [_OPENERS.sub(r"--adapter \1", _IN_PYTHON.sub(spelled, piece)) for piece in pieces[::2]]
+        return "".join(pieces)
+
+    return name.join(map(translated, message.split(name)))

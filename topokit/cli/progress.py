@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from topokit.core.stages import listening
 from topokit.ending import finally_do
 from topokit.report.progress import time_left
+from topokit.text import printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
+
+Result = TypeVar("Result")
 
 _NAME_SHARE = 4  # a file's name takes at most one part in so many of the terminal's width
 _NO_OTHER_BARS = "TTY_INTERACTIVE"  # rich's variable; "0" keeps other consoles from drawing
@@ -33,10 +36,12 @@ class Bar:
             self._show_state()
             bar.start()
 
-    def advance(self) -> None:
-        """One more file is done."""
-        self._n_done += 1
-        self._show_state()
+    def counting(self, results: Iterable[Result]) -> Iterator[Result]:
+        """The results of files, as they come; one more is done with each."""
+        for result in results:
+            yield result
+            self._n_done += 1
+            self._show_state()
 
     def show_stage(self, stage: str, share: float) -> None:
         """Of a single file a stage begins, when a share of the work is done."""
@@ -63,7 +68,7 @@ class Bar:
 
     def _shown_name(self) -> str:
         assert self._bar is not None
-        name = self._names[min(self._n_done, len(self._names) - 1)]
+        name = printable(self._names[min(self._n_done, len(self._names) - 1)])
         width = self._bar.console.width // _NAME_SHARE
         return name if len(name) <= width else "…" + name[1 - width :]
 

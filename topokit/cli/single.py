@@ -12,6 +12,7 @@ from topokit.cli.answers import say
 from topokit.cli.options import Opener, in_shell
 from topokit.cli.request import is_same, sources_of
 from topokit.errors import InputError, TopokitError
+from topokit.text import printable
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -27,7 +28,7 @@ def convert(file: str, output: Path, format: str | None, opener: Opener, write: 
         opener: opens the file.
         write: writes the output, and returns what to say about it.
     """
-    ask(file, format, opener, lambda shape: f"{output}: {write(shape)}", output)
+    ask(file, format, opener, lambda shape: f"{printable(str(output))}: {write(shape)}", output)
 
 
 def ask(

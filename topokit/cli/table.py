@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from topokit.batch.examine import Row, called
+from topokit.text import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,7 +45,7 @@ class Table:
         from rich.console import Console
 
         self._console: Console = Console(file=stream, highlight=False)
-        longest = max(map(cell_len, ("file", *names)))
+        longest = max(map(cell_len, ("file", *map(printable, names))))
         room = self._console.width if self._console.is_terminal else sys.maxsize
         self._columns = _fitting(room - min(longest, _NARROWEST))
         self._name_width = min(longest, room - _width(self._columns))
@@ -57,7 +58,7 @@ class Table:
             titles.stylize("bold")
             self._print(titles)
             self._has_title = True
-        self._print(self._line(called(row), {column.name: _cell(row, column) for column in self._columns}))
+        self._print(self._line(printable(called(row)), {column.name: _cell(row, column) for column in self._columns}))
 
     def _line(self, name: str, cells: dict[str, str]) -> Text:
         from rich.text import Text

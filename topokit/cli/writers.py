@@ -3,20 +3,31 @@
 from __future__ import annotations
 
 import csv
-import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Literal, Protocol, TextIO
 
-from topokit.batch.examine import COLUMNS, Answer
+from topokit.batch.examine import COLUMNS, Answer, Row
+from topokit.batch.names import name_as_data
 from topokit.cli.encoding import carries_all
+from topokit.text import json_text, printable
 
 Form = Literal["text", "table", "json", "jsonl", "csv"]
 Record = Callable[[Answer], Mapping[str, Any]]  # an answer as an object for JSON
 Text = Callable[[Answer], str]
 
+# Where a cell begins that a spreadsheet computes, also one that takes semicolons for commas; a hyphen alone is a text.
+_FORMULA = re.compile("(^|;)(?=[=+@\uff1d\uff0b\uff0d\uff20-].)")
+
 
 class Writer(Protocol):
-    """Writes answers to a stream."""
+    """Writes answers to a stream.
+
+    Attributes:
+        is_ordered: whether it is to be given the answers in the order of the files, instead of as they are known.
+    """
+
+    is_ordered: bool
 
     def write(self, answer: Answer) -> None:
         """Write one answer."""
@@ -27,6 +38,8 @@ class Writer(Protocol):
 
 class TextWriter:
     """Texts of the shapes that could be examined."""
+
+    is_ordered = True
 
     def __init__(self, stream: TextIO, text: Text) -> None:
         self._stream, self._text = stream, text
@@ -42,6 +55,8 @@ class TextWriter:
 
 class TableWriter:
     """Aligned rows."""
+
+    is_ordered = True
 
     def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
         from topokit.cli.table import Table
@@ -59,6 +74,8 @@ class TableWriter:
 class JsonWriter:
     """One array, written element by element: it is complete even after an interrupt."""
 
+    is_ordered = True
+
     def __init__(self, stream: TextIO, record: Record) -> None:
         self._stream, self._record = stream, record
         self._separator = "\n"
@@ -66,7 +83,7 @@ class JsonWriter:
 
     def write(self, answer: Answer) -> None:
         """See `Writer`."""
-        lines = _json(self._record(answer), self._stream, indent=2).splitlines()
+        lines = _json(self._record(answer), self._stream, indent=2).split("\n")
         text = self._separator + "\n".join(f"  {line}" for line in lines)
         self._separator = ",\n"  # set first, since an interrupt may come while the text is flushed
         self._stream.write(text)
@@ -80,6 +97,8 @@ class JsonWriter:
 
 class JsonLinesWriter:
     """One object per line."""
+
+    is_ordered = False
 
     def __init__(self, stream: TextIO, record: Record) -> None:
         self._stream, self._record = stream, record
@@ -95,6 +114,8 @@ class JsonLinesWriter:
 class CsvWriter:
     """One line per shape below a line with the names of the columns."""
 
+    is_ordered = True
+
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
@@ -102,7 +123,7 @@ class CsvWriter:
 
     def write(self, answer: Answer) -> None:
         """See `Writer`."""
-        self._writer.writerow(answer.row)
+        self._writer.writerow(_cells(answer.row))
         self._stream.flush()
 
     def close(self) -> None:
@@ -111,4 +132,14 @@ class CsvWriter:
 
 def _json(record: Mapping[str, Any], stream: TextIO, indent: int | None = None) -> str:
     """JSON text; escaped where the stream's encoding lacks letters, so that nothing is lost."""
-    return json.dumps(record, indent=indent, ensure_ascii=not carries_all(stream.encoding), allow_nan=False)
+    return json_text(record, indent=indent, ascii=not carries_all(stream.encoding))
+
+
+def _cells(row: Row) -> dict[str, Any]:
+    """The row with texts that no spreadsheet computes and no terminal obeys, and a name by which the file is found."""
+    texts = {name: _FORMULA.sub(r"\1'", printable(value)) for name, value in row.items() if isinstance(value, str)}
+    return row | texts | {"file": name_as_data(row["file"], _is_cell)}
+
+
+def _is_cell(name: str) -> bool:
+    return printable(name) == name and not _FORMULA.search(name)

@@ -34,7 +34,7 @@ def existing_file(source: str | os.PathLike[str]) -> Path:
     """
     path = user_path(source)
     if path.is_dir():
-        raise ReadError(f"{path} is a directory; give the files in it one by one.")
+        raise ReadError(f"{path} is a directory; give one of its files, or examine all of them with topokit.survey.")
     if not path.exists():
         raise ReadError(f"{path} does not exist (looked in {Path.cwd()}).")
     if not path.is_file():

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from topokit.errors import MissingDependencyError, ReadError, TopokitError, summary
+from topokit.text import is_unicode
 
 # What readers raise on damaged data. TypeError, AttributeError, LookupError and the like are bugs of the calling code
 # and pass. A library that raises one of those on damaged files gets it named at the call.
@@ -57,6 +58,8 @@ def reading(path: object, reader: str, *library_errors: type[Exception], extra: 
             f'Install the readers: pip install "{extra}".'
         ) from error
     except (*_DATA_ERRORS, *library_errors) as error:
+        if isinstance(error, UnicodeEncodeError) and not is_unicode(str(path)):
+            raise ReadError(f"{path} has a name that is not UTF-8, which {reader} cannot open: rename it.") from error
         raise ReadError(
             f"{path} could not be read by {reader} ({summary(error)}). "
             "The file seems to be truncated or malformed; export it again or check it in another program."

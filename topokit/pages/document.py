@@ -13,9 +13,9 @@ from pathlib import Path
 
 from topokit.errors import InputError
 from topokit.inputs.writing import completed_file
-from topokit.pages.details import environment
+from topokit.pages.details import PAGES
 from topokit.pages.fragment import Fragment
-from topokit.report.html import report_styles
+from topokit.report.html import environment, report_styles
 
 _MOST_SCENES = 200_000_000  # bytes of base64 in one page; browsers get slow beyond. Later shapes have a picture only
 
@@ -83,7 +83,7 @@ def _page(entries: Iterator[Entry], title: str) -> Iterator[str]:
     script = _static("viewer.min.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     style = report_styles() + _static("page.css")
-    template = environment().get_template("page.html")
+    template = environment(PAGES).get_template("page.html")
     return template.generate(title=title, style=style, script=script, digest=digest, rows=_rows(entries))
 
 

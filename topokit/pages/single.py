@@ -16,11 +16,11 @@ from PIL import Image
 from topokit.errors import TopokitError
 from topokit.export.picture import EYE, Eye, picture_of
 from topokit.export.scene import Drawable, scene_of
-from topokit.pages.details import environment
+from topokit.pages.details import PAGES
 from topokit.pages.document import Entry, page_text, write_html
 from topokit.pages.fragment import MAX_FACES, MAX_POINTS, page_of, webp
 from topokit.pages.marks import marks_of
-from topokit.report.html import report_html, report_styles
+from topokit.report.html import environment, report_html, report_styles
 from topokit.report.report import TopologyReport
 
 SIDE = 600  # pixels of a picture
@@ -91,7 +91,7 @@ def shape_html(shape: Reportable, known: TopologyReport | None, *, draw: bool) -
         except TopokitError as error:
             problem = str(error)
     return (
-        environment()
+        environment(PAGES)
         .get_template("shape.html")
         .render(
             shape=shape,

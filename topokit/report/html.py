@@ -6,6 +6,8 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
+from topokit.text import printable
+
 if TYPE_CHECKING:
     from jinja2 import Environment
 
@@ -36,9 +38,15 @@ def report_styles() -> str:
 
 
 @cache
-def environment() -> Environment:
-    """Templates of reports; everything that they insert is escaped."""
+def environment(package: str = "topokit.report") -> Environment:
+    """The templates of a package; everything that they insert is escaped, and texts of any origin are printable."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    loader = PackageLoader("topokit.report")
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,  # not what is marked as HTML
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -14,6 +13,7 @@ from topokit.errors import GenusError, InputError
 from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
+from topokit.text import json_text, printable
 
 Betti = tuple[int, int, int]
 
@@ -123,7 +123,7 @@ class TopologyReport:
 
     def to_json(self, indent: int | None = None) -> str:
         """The report as JSON text; tuples become lists."""
-        return json.dumps(self.to_dict(), indent=indent, ensure_ascii=False, allow_nan=False)
+        return json_text(self.to_dict(), indent=indent)
 
     def __str__(self) -> str:
         answer = "unknown" if self.euler is None else str(self.euler)
@@ -141,7 +141,7 @@ class TopologyReport:
         marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
         lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
         places = () if self.location is None else self.location.lines()
-        return "\n".join([", ".join(parts), *lines, *(f"  - {place}" for place in places)])
+        return "\n".join(map(printable, [", ".join(parts), *lines, *(f"  - {place}" for place in places)]))
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""

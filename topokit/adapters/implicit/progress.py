@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import Progress, no_progress
+from topokit.text import printable
 
 _PATIENCE = 3.0  # seconds before anything is shown
 
@@ -29,7 +30,14 @@ def progress_bar(name: str, finest: int) -> Iterator[Progress]:
         yield no_progress
         return
     started = time.perf_counter()
-    bar = Bar(TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), console=console, transient=True)
+    bar = Bar(
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TaskProgressColumn(),
+        console=console,
+        transient=True,
+    )
+    name = printable(name)
     task = bar.add_task(name)
 
     def show(grid: Grid, done: int, total: int) -> None:

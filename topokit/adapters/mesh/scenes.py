@@ -30,8 +30,10 @@ def load_flattened(content: Any, kind: str, path: Path) -> Any:
     import trimesh
 
     resolver = _Buffers(path) if kind == "gltf" else _NoOtherFile(path)
-    scene = trimesh.load_scene(content, file_type=kind, resolver=resolver, process=False, **_without_textures(kind))
-    return _flattened(scene, path)
+    more = _without_textures(kind)
+    with content.open("rb") if isinstance(content, Path) else content as stream:  # trimesh needs names in UTF-8
+        scene = trimesh.load_scene(stream, file_type=kind, resolver=resolver, process=False, **more)
+        return _flattened(scene, path)
 
 
 class _NoOtherFile:

@@ -60,5 +60,5 @@ def _opened(path: Path) -> Iterator[Any]:
         from pyarrow.parquet import ParquetFile
     except ImportError as error:
         raise MissingDependencyError('Reading .parquet needs pyarrow: pip install "topokit[formats]".') from error
-    with reading(path, "pyarrow", ArrowException), ParquetFile(path) as file:
+    with reading(path, "pyarrow", ArrowException), path.open("rb") as stream, ParquetFile(stream) as file:
         yield file

@@ -10,7 +10,6 @@ are believed if the solid that they imply agrees with all of them.
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +27,7 @@ from topokit.core.cloud.poles import normals_by_poles
 from topokit.core.cloud.propagation import propagate_signs
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
+from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -110,7 +110,7 @@ def orient_samples(points: Floats, local: LocalGeometry) -> Orientation:
         return propagated
     directions = candidate_directions(points, local)
     cleaned = [_cleaned(points, direction, local) for direction in directions.values()]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(n_cores()) as threads:
         cuts = list(threads.map(partial(cut_complex, complex_), cleaned))
     trials = {
         name: (direction, normals, cut)

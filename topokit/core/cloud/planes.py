@@ -10,7 +10,6 @@ Reference:
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.linalg import smallest_eigenvector
+from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -124,7 +124,7 @@ def _narrow_planes(points: Floats, neighbors: NDArray[np.integer]) -> Planes:
 
 def in_blocks(act: Callable[[slice], None], count: int) -> None:
     """Act on all rows, in blocks on all processors."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(n_cores()) as threads:
         list(threads.map(lambda start: act(slice(start, start + _ROWS)), range(0, count, _ROWS)))
 
 

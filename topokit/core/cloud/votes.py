@@ -8,7 +8,6 @@ where their grids are as fine as the samples. The Euler characteristic of the su
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -33,6 +32,7 @@ from topokit.core.cloud.neighborhoods import (
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
+from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -150,7 +150,7 @@ def gather_votes(
         The votes, the quality of the samples, and the first cut.
     """
     spacing = float(np.sqrt(areas.mean()))
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(n_cores()) as threads:
         cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :]]
         smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
         fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
@@ -189,7 +189,7 @@ def gather_dense_votes(
     part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), typical_and_finest(local.spacings)[1]
     areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
     cuts, fields = [], []
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(n_cores()) as threads:
         coarse = threads.submit(_votes_of_cuts, "coarse cut", few.complex_, normals[few.kept])
         for k, weights in enumerate(CUT_SETTINGS):  # in turn: flows hold the interpreter's lock, fields do not
             if _field_grid(cloud.points[part], finest, k).cell <= finest:

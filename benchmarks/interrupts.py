@@ -79,7 +79,7 @@ def write_runs(folder: Path) -> list[Run]:
         Run("many points", ("report", str(folder / "many.npy"))),
         Run("oriented points", ("report", str(folder / "oriented.npy"))),
         Run("voxels", ("report", str(folder / "volume.npy"), "--level", "0")),
-        Run("sdf", ("report", str(folder / "net.pt"), "--resolution", "128")),
+        Run("sdf", ("report", str(folder / "net.pt"), "--adapter", "sdf", "--resolution", "128")),
         Run("splats", ("report", str(folder / "splats.ply"))),
         Run("folder", ("report", str(several), "--json")),
         Run("folder, 2 jobs", ("report", str(several), "--json", "--jobs", "2")),

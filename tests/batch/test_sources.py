@@ -43,7 +43,8 @@ def test_a_folder_stands_for_the_files_in_it_that_an_adapter_knows(folder: Path)
 def test_an_adapter_takes_its_own_files_of_a_folder(folder: Path) -> None:
     assert names(folder, adapter="points") == ["b.ply", "cloud.txt", "deep/a.ply", "deep/deeper/c.ply"]
     assert "cloud.txt" not in names(folder, adapter="mesh")
-    assert "b.ply" in names(folder, adapter="occupancy")  # it recognizes nothing by itself
+    assert "b.ply" in names(folder, adapter="open3d")  # it recognizes nothing by itself
+    assert names(folder, adapter="occupancy") == ["."]  # none is a network
 
 
 def test_files_are_taken_as_they_are_named(folder: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.remote import is_address, matching_addresses
-from topokit.plugins.registry import is_known
+from topokit.plugins.registry import is_known, objection
 from topokit.report.wording import plural
 
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
@@ -49,7 +49,8 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
     Files and addresses are taken as they are named. Of a folder and the folders in it, those files are taken that an
     adapter knows by content or suffix, sorted by name; what begins with a dot is left out. Patterns are those of
     `glob`: `*`, `?`, `[a-z]`, and `**` for folders at any depth; in addresses only `*` makes one. The suffix at the end
-    of a pattern matches capitals and small letters alike.
+    of a pattern matches capitals and small letters alike. An adapter that runs code takes only files that are named:
+    the others have a `problem`.
 
     Args:
         paths: one or several.
@@ -63,8 +64,9 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
         if is_address(path):
             finder.add_address(str(path))
             continue
-        for one in _expanded(_at_home(os.fspath(path))):
-            finder.add(one)
+        place = _at_home(os.fspath(path))
+        for one in (matches := _expanded(place)):
+            finder.add(one, is_named=matches == [Path(place)])
     return Sources(tuple(finder.sources), tuple(finder.passed_over))
 
 
@@ -76,10 +78,13 @@ class _Finder:
         self.sources: list[Source] = []
         self.passed_over: list[str] = []
 
-    def add(self, path: Path) -> None:
+    def add(self, path: Path, is_named: bool) -> None:
         """A file as it is, a folder with all that is in it."""
-        if not path.is_dir() or is_known(path, self.adapter):
-            self.sources.append(Source(path, str(path)))
+        if not path.is_dir():
+            self.sources.append(Source(path, str(path)) if is_named else self._found(path))
+            return
+        if is_known(path, self.adapter):
+            self.sources.append(self._found(path))
             return
         found, passed_over = len(self.sources), len(self.passed_over)
         self._add_folder(path)
@@ -95,7 +100,7 @@ class _Finder:
         except TopokitError as error:
             self.sources.append(Source(address, address, str(error)))
             return
-        self.sources += [Source(one, one) for one in found]
+        self.sources += map(self._found, found)
 
     def _add_folder(self, folder: Path) -> None:
         try:
@@ -108,9 +113,13 @@ class _Finder:
                 if not path.is_symlink():  # which may lead in a circle
                     self._add_folder(path)
             elif path.is_dir() or (path.is_file() and self._is_wanted(path)):
-                self.sources.append(Source(path, str(path)))
+                self.sources.append(self._found(path))
             elif path.is_file():
                 self.passed_over.append(str(path))
+
+    def _found(self, place: Path | str) -> Source:
+        """What was not named as a file by itself."""
+        return Source(place, str(place), objection(place, self.adapter))
 
     def _is_wanted(self, path: Path) -> bool:
         if not is_known(path, self.adapter):

@@ -50,6 +50,8 @@ def ask(
         try:
             if output is not None and is_same(output, source):
                 raise InputError(f"{output} is the file to read; name another one to write.")
+            if source.problem is not None:
+                raise InputError(source.problem)
             if text := answer(opener.open(source.path)):
                 typer.echo(text)
         except TopokitError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import os
+import zipfile
 import zlib
 from pathlib import Path
 
@@ -73,3 +74,12 @@ def head(path: Path, size: int = HEAD) -> bytes:
             return packed.read(size)
     except (OSError, EOFError, zlib.error):
         return beginning
+
+
+def member_names(path: Path) -> list[str] | None:
+    """The names in a zip archive; None if it is none, or damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
+        return None

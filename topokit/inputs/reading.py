@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import struct
+import threading
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -66,6 +68,22 @@ def reading(path: object, reader: str, *library_errors: type[Exception], extra: 
         ) from error
 
 
+@contextmanager
+def quiet(logger: str) -> Iterator[None]:
+    """During the block the messages of a library's logger are dropped, in this thread: our error says what matters."""
+    here = threading.get_ident()
+
+    def is_others(record: logging.LogRecord) -> bool:
+        return record.thread != here
+
+    found = logging.getLogger(logger)
+    found.addFilter(is_others)
+    try:
+        yield
+    finally:
+        found.removeFilter(is_others)
+
+
 def require_bytes(path: Path | str, what: str, needed: int, available: int) -> None:
     """Refuse a header that announces more than the file holds, before memory is allocated for it.
 
@@ -79,13 +97,18 @@ def require_bytes(path: Path | str, what: str, needed: int, available: int) -> N
         )
 
 
+def most_expanded(packed: int, free: int = _FREE) -> int:
+    """The bytes to which so many packed bytes may expand."""
+    return max(free, _MOST_EXPANSION * packed)
+
+
 def require_expansion(path: Path | str, needed: int, file_size: int, free: int = _FREE) -> None:
     """Refuse a small compressed file that expands to an absurd amount of memory.
 
     Raises:
         ReadError: if `needed` bytes are more than `free` (256 MiB) and more than 200 times the file's size.
     """
-    if needed > max(free, _MOST_EXPANSION * file_size):
+    if needed > most_expanded(file_size, free):
         raise ReadError(
             f"{path} has {file_size} bytes and announces content of {needed} bytes, more than {_MOST_EXPANSION} times "
             "its size: its header is wrong or it is a decompression bomb. Export or download it again."

@@ -109,7 +109,9 @@ def matching_addresses(pattern: str) -> list[str]:
 
 @contextmanager
 def asking(address: str) -> Iterator[None]:
-    """Turn what fsspec raises into errors that name the address."""
+    """Turn what fsspec raises into errors that name the address; refuse addresses that only list other places."""
+    if any(part.partition("://")[0].lower() == "reference" for part in address.split("::")):
+        raise ReadError(f"{address} lists pieces of other files, which are not opened: give the files themselves.")
     try:
         yield
     except TopokitError:

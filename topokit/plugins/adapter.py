@@ -43,6 +43,9 @@ class Adapter:
         suffix_requires: (suffix, module) pairs: modules that only some suffixes need.
         priority: the highest wins where content and suffix leave several adapters.
         opener: the function that opens a source, or its name as "package.module:function", imported when needed.
+        runs_code: None, or a sentence for callers who did not ask for it, if files of its kind are programs that run
+            when they are opened. Such an adapter opens only what the caller names, the file itself and the adapter: it
+            is never chosen, and takes nothing from folders, patterns and addresses.
         differentiable: whether samples carry a gradient to the tensors of an object given to `open`.
         problem: what is wrong with a broken plug-in, set by topokit.
     """
@@ -56,6 +59,7 @@ class Adapter:
     suffix_requires: tuple[tuple[str, str], ...] = ()
     priority: int = 0
     opener: str | Callable[..., Shape] | None = None
+    runs_code: str | None = None
     differentiable: bool = False
     problem: str | None = None
 

@@ -12,6 +12,7 @@ from topokit.inputs.files import ZIP, existing_file, head, require_beginning
 from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
+from topokit.plugins.programs import not_asked_for
 
 _PACKED = "It is a zip archive: unpack it first. "
 _TO_EXPORT = dict.fromkeys(
@@ -26,8 +27,8 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
     """The adapter that opens a source, if none is named.
 
     Files: of the adapters that recognize the content, or else of those with the suffix, the one with the longest
-    matching suffix, and among those the one with the highest priority. Objects: of the adapters that name a class of
-    the object, the one with the highest priority.
+    matching suffix, and among those the one with the highest priority; none that runs code. Objects: of the adapters
+    that name a class of the object, the one with the highest priority.
 
     Args:
         adapters: the adapters to choose from.
@@ -37,7 +38,7 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
         UnknownFormatError: if no adapter knows the file.
         MissingDependencyError: if those that do lack packages.
         ReadError: if two are left because the content is damaged or contradicts the suffix.
-        InputError: if two are left, or no adapter opens such objects.
+        InputError: if two are left, if the file is a program, or if no adapter opens such objects.
     """
     if not isinstance(source, Path):
         lead = f"Objects of {_name(source)} are opened by"
@@ -49,6 +50,11 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
         matching = [adapter for adapter in adapters if _suffix_length(adapter, source)]
     if not matching:
         raise _unknown_file(adapters, source) if isinstance(source, Path) else _unknown_object(adapters, source)
+    if isinstance(source, Path):
+        harmless = [adapter for adapter in matching if adapter.runs_code is None]
+        if not harmless:
+            raise not_asked_for(matching, lead)
+        matching = harmless
     usable = [adapter for adapter in matching if adapter.usable]
     if not usable:
         needs = " and ".join(f"{adapter.name!r}, which needs: {adapter.install}" for adapter in matching)

@@ -16,6 +16,7 @@ from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.choice import choose, knows
 from topokit.plugins.foreign_code import check_adapter, entry_points, import_adapter, open_with, warn_once, warned_about
+from topokit.plugins.programs import not_named
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -116,7 +117,9 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
     """Open a file, a folder or an object with the adapter that fits its content or suffix.
 
     Adapters that recognize the content come first, else those with the file's suffix; of these the one with the longest
-    matching suffix, then the highest priority. Objects are opened by the adapter that names their class.
+    matching suffix, then the highest priority. Objects are opened by the adapter that names their class. Networks are
+    programs, and run when they are opened: `load` opens one only by its path, its bytes or a file object, and only with
+    adapter="sdf" or "occupancy".
 
     Args:
         source: path of a file, which may be compressed with gzip, or of a folder such as an unzipped .sog; an address
@@ -136,10 +139,12 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
         ReadError: if the file is missing or malformed.
         UnknownFormatError: if neither content nor suffix is known.
         MissingDependencyError: if it is known, but a package must be installed first.
-        InputError: if `adapter` is not known, if several adapters match, if an option does not exist, or if objects of
-            this type are not opened.
+        InputError: if `adapter` is not known, if several adapters match, if an option does not exist, if objects of
+            this type are not opened, or if the file is a program that was not asked for.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
+    if is_address(source) and (why := objection(source, adapter)) is not None:
+        raise InputError(why)
     if is_zarr_address(source):
         return open_with(adapter_for(source, adapter), source, options)
     if is_address(source):
@@ -195,6 +200,14 @@ def adapter_for(source: Any, name: str | None = None) -> Adapter:
     if not found.usable:
         raise MissingDependencyError(f"adapter {name!r} is not usable yet: {found.install}")
     return found
+
+
+def objection(source: object, name: str | None) -> str | None:
+    """Why the adapter of this name does not open what the caller did not name as a file; None if it does."""
+    targets = _targets()
+    if name not in targets or _resolve(name, targets[name]).runs_code is None:
+        return None
+    return not_named(source, name)
 
 
 def is_known(path: Path, name: str | None = None) -> bool:

@@ -90,6 +90,8 @@ class AdapterConformance:
 
     def test_load_finds_it(self, tmp_path: Path) -> None:
         path = self.example(tmp_path)
+        if self._adapter.runs_code is not None:
+            raise SkipTest("the adapter runs code, so load never chooses it")
         found = adapter_for(path)
         assert found.name == self._adapter.name, (
             f"load opens {path.name} with adapter {found.name!r}, not {self._adapter.name!r}: recognize the content in "

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import io
+import json
+import logging
 import os
 import pickle
+import threading
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -60,6 +64,50 @@ def test_a_nested_pickle_is_not_run(members: dict[str, bytes], tmp_path: Path) -
         with pytest.raises(ReadError, match="holds a pickled object"):
             read({**members, root + name: pickle.dumps(harm)}, tmp_path)
     assert not (tmp_path / "harm").exists()
+
+
+def test_members_that_are_declared_pickles_are_refused_whatever_their_names(
+    members: dict[str, bytes], tmp_path: Path
+) -> None:
+    """torch opens such a member without restriction; it finds members whatever the case of their names."""
+    config, saved = member(members, "model_weights_config.json"), io.BytesIO()
+    torch.save(RunsCode(tmp_path / "harm"), saved)
+    entry = {"path_name": "weight_0", "is_param": True, "use_pickle": True, "tensor_meta": None}
+    weight = config.replace("model_weights_config.json", "weight_0")
+    changed = {config: json.dumps({"config": {"w": entry}}).encode(), weight: saved.getvalue()}
+    with pytest.raises(ReadError, match=r"holds a pickled object .*model_weights_config"):
+        read({**members, **changed}, tmp_path)
+    upper = {weight.replace("weight_0", "MODEL.PT"): saved.getvalue()}
+    with pytest.raises(ReadError, match="holds a pickle of more than tensors"):
+        read({**members, **upper}, tmp_path)
+    same = {weight.replace("weight_0", "A"): b"1", weight.replace("weight_0", "a"): b"2"}
+    with pytest.raises(ReadError, match="two members of one name"):
+        read({**members, **same}, tmp_path)
+    assert not (tmp_path / "harm").exists()
+
+
+def test_two_threads_that_open_networks_change_nothing_of_the_process(
+    members: dict[str, bytes], tmp_path: Path
+) -> None:
+    (tmp_path / "net.pt2").write_bytes(zip_members(members))
+    seen, done = set[str | None](), threading.Event()
+
+    def watch() -> None:
+        while not done.is_set():
+            seen.add(os.environ.get("TORCH_FORCE_WEIGHTS_ONLY_LOAD"))
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            opened = list(pool.map(lambda _: read_network(tmp_path / "net.pt2"), range(6)))
+    finally:
+        done.set()
+        watcher.join()
+    assert seen == {None}
+    assert not logging.getLogger("torch.export").disabled
+    assert not logging.getLogger("torch.export").filters
+    assert all(network(torch.ones(7, 3)).shape == (7, 1) for network in opened)
 
 
 def test_machine_code_and_doubled_members_are_refused(members: dict[str, bytes], tmp_path: Path) -> None:

@@ -273,7 +273,7 @@ def test_torchscript_and_export_by_path(tmp_path: Path) -> None:
     points = torch.export.Dim("points", min=2)
     torch.export.save(torch.export.export(net, (torch.rand(4, 3),), dynamic_shapes=({0: points},)), export)
     for path in (script, export):
-        shape = tk.load(path, resolution=128, n_samples=1000)
+        shape = tk.load(path, adapter="sdf", resolution=128, n_samples=1000)
         assert (shape.report().euler, shape.name) == (2, path.name)
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 import json
+import logging
+import sys
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -169,3 +172,99 @@ def test_text_with_fewer_lines_than_rows_is_truncated(tmp_path: Path) -> None:
     (tmp_path / "f.ply").write_bytes(header % 10**9 + rows)
     with pytest.raises(ReadError, match="1000000000 rows"):
         read_mesh(tmp_path / "f.ply")
+
+
+PART = """*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 0, 1, 0
+4, 0, 0, 1
+*ELEMENT, TYPE=C3D4
+1, 1, 2, 3, 4
+"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "*INCLUDE, INPUT={secret}\n",
+        "*Include,input = ../secret.inp\n",
+        "  *include , INPUT=beside.inp\r\n",
+        "INCLUDE={secret}\n*INCLUDE\n",
+        "\r*INCLUDE, INPUT={secret}\r",
+    ],
+)
+def test_abaqus_files_include_no_others(line: str, tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    (tmp_path / "inner").mkdir()
+    for name in ("secret.inp", "inner/beside.inp"):
+        (tmp_path / name).write_text(PART)
+    for start in ("", PART):
+        text = start + line.format(secret=tmp_path / "secret.inp")
+        (tmp_path / "inner" / "f.inp").write_bytes(text.encode())
+        with pytest.raises(ReadError, match="other files than the given one are not opened"):
+            read_mesh(tmp_path / "inner" / "f.inp")
+    (tmp_path / "inner" / "f.inp").write_text(f"** INCLUDE what you need\n**INCLUDE\n{PART}")
+    assert len(read_mesh(tmp_path / "inner" / "f.inp")[1]) == 4
+
+
+VTU = """<?xml version="1.0"?>{doctype}
+<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian" xmlns:xi="http://www.w3.org/2001/XInclude">
+<UnstructuredGrid><Piece NumberOfPoints="4" NumberOfCells="1"><Points><DataArray type="Float64" NumberOfComponents="3"
+format="ascii">{points}</DataArray></Points><Cells>
+<DataArray type="Int64" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int64" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="Int64" Name="types" format="ascii">10</DataArray></Cells></Piece></UnstructuredGrid></VTKFile>"""
+POINTS = "0 0 0 1 0 0 0 1 0 0 0 1"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("before", ["", f"<!--{'-x' * 40_000}-->"])
+def test_xml_of_vtk_takes_nothing_from_elsewhere(before: str, encoding: str, tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    (tmp_path / "points.txt").write_text(POINTS)
+    (tmp_path / "f.vtu").write_text(VTU.format(doctype="", points=POINTS))
+    assert len(read_mesh(tmp_path / "f.vtu")[1]) == 4
+    external = f'<!DOCTYPE x [<!ENTITY a SYSTEM "{(tmp_path / "points.txt").as_uri()}">]>'
+    included = f'<xi:include parse="text" href="{tmp_path}/points.txt"/>'
+    for doctype, points in (("", included), (external, "&a;"), (LAUGHS, "&j;" * 9)):
+        text = VTU.format(doctype=before + doctype, points=points).replace("1.0", f'1.0" encoding="{encoding}', 1)
+        (tmp_path / "f.vtu").write_bytes(text.encode(encoding))
+        with pytest.raises(ReadError):
+            read_mesh(tmp_path / "f.vtu")
+
+
+def test_what_a_collada_file_names_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import trimesh
+
+    pytest.importorskip("collada")
+    (tmp_path / "secret.png").write_bytes(b"not to be opened")
+    trimesh.creation.box().export(tmp_path / "f.dae")
+    text = (tmp_path / "f.dae").read_text()
+    image = f'<image id="i"><init_from>{(tmp_path / "secret.png").as_uri()}</init_from></image>'
+    image = f"<library_images>{image}</library_images>"
+    (tmp_path / "f.dae").write_text(text.replace("<library_geometries>", f"{image}<library_geometries>"))
+    assert "secret" in (tmp_path / "f.dae").read_text()
+    opened: list[str] = []
+    usual = io.open
+
+    def watched(file: Any, *rest: Any, **more: Any) -> Any:
+        opened.append(str(file))
+        return usual(file, *rest, **more)
+
+    monkeypatch.setattr("builtins.open", watched)
+    monkeypatch.setattr("io.open", watched)
+    assert len(read_mesh(tmp_path / "f.dae")[1]) == 12
+    assert not [name for name in opened if "secret" in name]
+
+
+def test_two_threads_read_meshes_and_change_nothing_of_the_process(tmp_path: Path) -> None:
+    pytest.importorskip("meshio")
+    (tmp_path / "f.inp").write_text(PART)
+    (tmp_path / "f.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    before = sys.stdout, logging.getLogger("trimesh").level
+    with ThreadPoolExecutor(2) as pool:
+        read = list(pool.map(read_mesh, [tmp_path / "f.inp", tmp_path / "f.obj"] * 20))
+    assert (sys.stdout, logging.getLogger("trimesh").level) == before
+    assert not logging.getLogger("trimesh").filters
+    assert [len(faces) for _, faces in read] == [4, 1] * 20

@@ -25,7 +25,8 @@ from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_positions
 from topokit.inputs.files import existing_file
-from topokit.inputs.remote import takes_addresses
+from topokit.inputs.remote import is_address
+from topokit.plugins.programs import not_named
 from topokit.shape import Shape
 
 _UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -36,7 +37,6 @@ _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
 
-@takes_addresses
 def from_sdf(
     f: Function | str | os.PathLike[str],
     *,
@@ -67,7 +67,8 @@ def from_sdf(
 
     Args:
         f: any callable, `nn.Module` or not, compiled or not, on any device and of any floating type, that maps (N, 3)
-            points to (N,) or (N, 1); or the path of a TorchScript or torch.export file.
+            points to (N,) or (N, 1); or the path of a TorchScript or torch.export file, which is a program and runs:
+            give only files that you would run.
         bounds: lowest and highest corner of the box that holds the surface. By default [−1, 1]³, doubled up to six
             times while the surface touches it; if that does not help, [−1, 1]³.
         level: value of f on the surface.
@@ -103,7 +104,6 @@ def from_sdf(
     return _shape(name, function, -1, settings)
 
 
-@takes_addresses
 def from_occupancy(
     f: Function | str | os.PathLike[str],
     *,
@@ -229,6 +229,8 @@ def _probes(bounds: Bounds) -> torch.Tensor:
 def _name_and_function(source: object, kind: str, caller: str) -> tuple[str, Function]:
     """The file's name and the network in it, or `kind` and the callable itself."""
     if isinstance(source, str | os.PathLike):
+        if is_address(source):
+            raise InputError(not_named(source, kind))
         path = existing_file(source)
         return path.name, read_network(path)
     if isinstance(source, torch.nn.Module) and source.training:

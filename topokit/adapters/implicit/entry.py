@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
-from topokit.inputs.files import ZIP, head
+from topokit.inputs.files import ZIP, head, member_names
 from topokit.plugins.adapter import Adapter
+
+_SENTENCE = (
+    "A checkpoint of torch.save is no network, but a pickle of tensors: for one of Gaussian splats use "
+    "topokit.from_splats(torch.load(path, weights_only=True))."
+)
+_SUFFIXES = (".pt", ".pth", ".pt2", ".ts")
+_MEMBERS = re.compile(r"(^|/)((data|constants)\.pkl|archive_format|serialized_exported_program\.json)$")
 
 
 def is_network(source: Path) -> bool:
-    """Whether the content is an archive of torch."""
+    """Whether the content is an archive of torch: a program, or a pickle."""
     start = head(source)
-    return start.startswith(ZIP) and b".pkl" in start
+    if not start.startswith(ZIP):
+        return False
+    names = member_names(source)
+    return b".pkl" in start if names is None else any(map(_MEMBERS.search, names))
 
 
 SDF = Adapter(
     name="sdf",
     description="signed distance networks saved by torch.jit or torch.export",
-    suffixes=(".pt", ".pth", ".pt2", ".ts"),
+    suffixes=_SUFFIXES,
     can_open=is_network,
+    runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_sdf",
 )
 OCCUPANCY = Adapter(
     name="occupancy",
-    description='occupancy networks; their files look like those of "sdf", so name them: adapter="occupancy"',
-    suffixes=(),
+    description="occupancy networks saved likewise",
+    suffixes=_SUFFIXES,
+    can_open=is_network,
+    runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_occupancy",
 )

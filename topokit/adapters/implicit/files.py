@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import logging
 import pickle
+import threading
 import zipfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import cast
 
 import torch
 
-from topokit.adapters.implicit.archives import safe_copy, weights_only
+from topokit.adapters.implicit.archives import safe_copy
 from topokit.adapters.implicit.function import Function
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading
+from topokit.inputs.reading import quiet, reading
 
+_ONE_AT_A_TIME = threading.Lock()  # torch.export.load keeps what it is doing in a global variable
 _HOW = (
     "For a network, save it as a program: torch.jit.save(torch.jit.trace(net, points), path) or "
     "torch.export.save(torch.export.export(net, (points,), dynamic_shapes=...), path)."
@@ -47,7 +46,7 @@ def read_network(path: Path) -> Function:
             return cast(Function, torch.jit.load(archive, map_location="cpu"))
     if kind == "export":
         archive = safe_copy(path, exported=True)
-        with _quiet(), weights_only(), reading(path, "torch.export.load", *_of_export()):
+        with _ONE_AT_A_TIME, quiet("torch.export"), reading(path, "torch.export.load", *_of_export()):
             return cast(Function, torch.export.load(archive).module())
     if kind == "pickle":
         raise ReadError(
@@ -70,17 +69,6 @@ def _of_export() -> tuple[type[Exception], ...]:
         pickle.UnpicklingError,
         SpecViolationError,
     )
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without the messages of torch.export about what it cannot read; our own error says it."""
-    logger = logging.getLogger("torch.export")
-    before, logger.disabled = logger.disabled, True
-    try:
-        yield
-    finally:
-        logger.disabled = before
 
 
 def archive_kind(path: Path) -> str | None:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import io
-import logging
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +22,7 @@ from topokit.adapters.mesh.scenes import load_flattened
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.ply import check_header
-from topokit.inputs.reading import reading
+from topokit.inputs.reading import quiet, reading
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -67,7 +64,7 @@ def _through_trimesh(path: Path, kind: str) -> Mesh:
     with reading(path, f"the {kind.upper()} reader"):
         content = _prepared(path, kind)
     errors: tuple[type[Exception], ...] = (*_OF_TRIMESH, *_of_collada()) if kind == "dae" else _OF_TRIMESH
-    with _quiet(), reading(path, "trimesh", *errors, extra="topokit[formats]"):
+    with quiet("trimesh"), reading(path, "trimesh", *errors, extra="topokit[formats]"):
         mesh = load_flattened(content, kind, path)
         return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
 
@@ -95,18 +92,6 @@ def _of_collada() -> tuple[type[Exception], ...]:
     except ImportError as error:
         raise MissingDependencyError('Reading .dae needs pycollada: pip install "topokit[formats]".') from error
     return (DaeError,)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without trimesh's messages: missing textures do not matter here."""
-    logger = logging.getLogger("trimesh")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _file_type(path: Path, beginning: bytes) -> str:

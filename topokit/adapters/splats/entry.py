@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import zipfile
 import zlib
 from pathlib import Path
 from typing import Literal
 
-from topokit.inputs.files import GZIP, ZIP, head
+from topokit.inputs.files import GZIP, ZIP, head, member_names
 from topokit.inputs.ply_header import ply_kind, ply_properties
 from topokit.plugins.adapter import Adapter
 
@@ -46,11 +45,10 @@ def format_by_content(path: Path) -> Format | None:
 
 def _is_sog_archive(path: Path) -> bool:
     """Whether a zip archive holds a meta.json: 3MF, NumPy and office files do not."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return any(name.rpartition("/")[2] == "meta.json" for name in archive.namelist())
-    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
+    names = member_names(path)
+    if names is None:
         return path.suffix.lower() == ".sog"  # its reader reports what is wrong with it
+    return any(name.rpartition("/")[2] == "meta.json" for name in names)
 
 
 def _is_spz(start: bytes) -> bool:

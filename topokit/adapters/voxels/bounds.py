@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Literal
 
 from topokit.errors import ReadError
 from topokit.inputs.beside import file_beside
-from topokit.inputs.reading import FREE_OF_MASKS, require_bytes, require_expansion
+from topokit.inputs.reading import FREE_OF_MASKS, most_expanded, require_bytes, require_expansion
 
 _STEP = 1 << 20
 _BIG_TIFF = 43  # version of the format with offsets of eight bytes
@@ -70,6 +70,29 @@ def check_tiff(path: Path, file: Any) -> None:
             require_expansion(path, series.nbytes, path.stat().st_size, FREE_OF_MASKS)
 
 
+def check_chunks(name: Path | str, announced: int, chunk: int, stored: int, packed: int) -> None:
+    """Refuse an array that announces far more than is stored of it: chunks that are missing have its fill value.
+
+    Args:
+        name: what to call it.
+        announced: bytes of all its values.
+        chunk: bytes of the values that are decompressed together.
+        stored: bytes of the values in the chunks that are stored.
+        packed: bytes that these chunks have in the file.
+
+    Raises:
+        ReadError: if a chunk takes more than 256 MiB and 200 times what is stored, or the array more than 256 MiB and
+            200 times what the stored chunks hold.
+    """
+    for what, needed, held in (("a chunk", chunk, packed), ("an array", announced, stored)):
+        if needed > most_expanded(held):
+            raise ReadError(
+                f"{name} announces {what} of {needed} bytes and stores {held} bytes for it; 256 MiB or 200 times that "
+                "are read. Its header is wrong or made to exhaust memory or time; if you know better, open it with its "
+                "own library and pass the array."
+            )
+
+
 def check_nrrd(path: Path) -> None:
     """Refuse a file that names another one outside its folder, or whose compressed voxels expand absurdly.
 
@@ -80,6 +103,8 @@ def check_nrrd(path: Path) -> None:
 
     with path.open("rb") as file:
         header = nrrd.read_header(file)
+        if "data file" in header and "datafile" in header:
+            raise ReadError(f"{path} says twice where its voxels are, as 'data file' and as 'datafile'.")
         elsewhere = header.get("data file", header.get("datafile"))
         place = path if elsewhere is None else file_beside(path, str(elsewhere))
         start = file.tell() if elsewhere is None else 0

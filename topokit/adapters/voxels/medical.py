@@ -5,6 +5,7 @@ from __future__ import annotations
 import locale
 import math
 import re
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,6 +24,8 @@ from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, requir
 
 Volume = tuple[NDArray[Any], Spacing | None]
 _HOW = 'pip install "topokit[volumes]"'
+_META, _DICOM = "MetaImageIO", "GDCMImageIO"  # named, since SimpleITK would try many others
+_ONE_AT_A_TIME = threading.Lock()
 _PAIR = b"ni1"  # the magic of a NIfTI header whose voxels are in a file of their own
 _ELEMENT_BYTES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2, "INT": 4, "UINT": 4, "FLOAT": 4}  # others have 8
 
@@ -64,8 +67,9 @@ def read_nrrd(path: Path) -> Volume:
     except ImportError as error:
         raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
     with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError):
-        check_nrrd(path)
-        array, header = nrrd.read(str(path))
+        own = path.resolve()  # pynrrd looks for voxels beside the name that it gets, be it a link
+        check_nrrd(own)
+        array, header = nrrd.read(str(own))
     if "space directions" in header:
         return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
     return array, _triple(header["spacings"]) if "spacings" in header else None
@@ -78,15 +82,14 @@ def read_itk(path: Path) -> Volume:
     except ImportError as error:
         raise MissingDependencyError(f"Reading {path.name} needs SimpleITK: {_HOW}.") from error
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
-    if not path.is_dir() and not is_dicom(head(path)):
+    is_meta = not path.is_dir() and not is_dicom(head(path))
+    if is_meta:
         _check_metaimage(path)
     with _locale_kept(), reading(path, "SimpleITK", RuntimeError):
         if path.is_dir():
-            image = SimpleITK.ReadImage(_series(path, SimpleITK))
-        else:
-            _check_dicom(path, SimpleITK)
-            image = SimpleITK.ReadImage(str(path))
-    return itk_array(image)
+            return itk_array(SimpleITK.ReadImage(_series(path, SimpleITK), imageIO=_DICOM))
+        _check_size(path, SimpleITK, _META if is_meta else _DICOM)
+        return itk_array(SimpleITK.ReadImage(str(path), imageIO=_META if is_meta else _DICOM))
 
 
 def itk_array(image: Any) -> Volume:
@@ -115,28 +118,33 @@ def column_lengths(affine: Any) -> Spacing | None:
 @contextmanager
 def _locale_kept() -> Iterator[None]:
     """The locale as it was: GDCM sets it to "C" for good, and then Python reads text files as ASCII."""
-    before = locale.setlocale(locale.LC_ALL)
-    try:
-        yield
-    finally:
-        locale.setlocale(locale.LC_ALL, before)
+    with _ONE_AT_A_TIME:  # the locale is that of the process
+        before = locale.setlocale(locale.LC_ALL)
+        try:
+            yield
+        finally:
+            locale.setlocale(locale.LC_ALL, before)
 
 
 def _series(folder: Path, itk: Any) -> tuple[str, ...]:
     """The files of the only DICOM series in a folder, in the order of their slices."""
+    for one in sorted(folder.iterdir()):
+        if one.is_symlink() and not one.resolve().is_relative_to(folder.resolve()):
+            raise ReadError(f"{folder} holds the link {one.name!r} to a file elsewhere: it is not opened.")
     names = itk.ImageSeriesReader.GetGDCMSeriesIDs(str(folder))
     if len(names) != 1:
         held = f"{len(names)} DICOM series; put each into a folder of its own" if names else "no DICOM series"
         raise ReadError(f"{folder} holds {held}.")
     files: tuple[str, ...] = itk.ImageSeriesReader.GetGDCMSeriesFileNames(str(folder), names[0])
     if len(files) == 1:
-        _check_dicom(Path(files[0]), itk)
+        _check_size(Path(files[0]), itk, _DICOM)
     return files
 
 
-def _check_dicom(path: Path, itk: Any) -> None:
+def _check_size(path: Path, itk: Any, io_name: str) -> None:
     """Refuse a single slice, and a header that announces absurd sizes."""
     reader = itk.ImageFileReader()
+    reader.SetImageIO(io_name)
     reader.SetFileName(str(path))
     reader.ReadImageInformation()
     size = reader.GetSize()
@@ -147,12 +155,13 @@ def _check_dicom(path: Path, itk: Any) -> None:
 
 def _check_metaimage(path: Path) -> None:
     """Refuse a header that announces more than there is, or that names a file elsewhere."""
-    header = head(path)
-    fields = dict(re.findall(rb"^\s*(\w+)\s*=\s*(.*?)\s*$", header.partition(b"ElementDataFile")[0], re.MULTILINE))
-    found = re.search(rb"^\s*ElementDataFile\s*=\s*(.*?)\s*$", header, re.MULTILINE)
-    if found is None or b"DimSize" not in fields:
-        raise ReadError(f"{path} has no complete MetaImage header: DimSize and ElementDataFile are needed.")
-    name = found.group(1).decode("utf-8", "replace")
+    fields = _metaimage_fields(head(path))
+    if not {b"DimSize", b"ElementDataFile"} <= fields.keys():
+        raise ReadError(
+            f"{path} has no complete MetaImage header: lines of the form NAME = VALUE, DimSize among them and "
+            "ElementDataFile the last, are needed."
+        )
+    name = fields[b"ElementDataFile"].decode("utf-8", "replace")
     data = path
     if name.upper() != "LOCAL":
         if re.search(r'[/\\:*?"<>|%\s]', name) or name.upper() == "LIST" or name.startswith("."):
@@ -167,6 +176,22 @@ def _check_metaimage(path: Path) -> None:
         require_expansion(path, needed, data.stat().st_size, FREE_OF_MASKS)
     else:
         require_bytes(path, f"{n_voxels} voxels", needed, data.stat().st_size)
+
+
+def _metaimage_fields(header: bytes) -> dict[bytes, bytes]:
+    """What the lines of a header say, up to the one with the place of the voxels, or to one that is malformed.
+
+    SimpleITK takes a colon for the equals sign and sees names where we see none: a second place of voxels, for example.
+    """
+    fields: dict[bytes, bytes] = {}
+    for line in filter(bytes.strip, header.split(b"\n")):
+        found = re.fullmatch(rb"[ \t]*(\w+)[ \t]*=([^\r]*)\r*", line)
+        if found is None:
+            break
+        fields[found.group(1)] = found.group(2).strip()
+        if found.group(1) == b"ElementDataFile":
+            break
+    return fields
 
 
 def _triple(values: Any) -> Spacing:

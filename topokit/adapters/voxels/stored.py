@@ -24,6 +24,7 @@ from topokit.inputs.reading import reading
 
 Values = NDArray[Any]
 Lengths = tuple[tuple[int, ...], ...]
+_MOST_CHUNKS = 1 << 20  # along an axis; beyond, neighbors count as one chunk, as their lengths take memory
 
 
 def not_a_volume(shape: Sequence[int]) -> InputError:
@@ -99,7 +100,7 @@ class IndexedVolume(StoredVolume):
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
-        with reading(self.name, f"the library {self._library!r}", RuntimeError):
+        with reading(self.name, f"the library {self._library!r}", RuntimeError, MemoryError):
             return np.asarray(self._array[_slices(box)])
 
 
@@ -131,7 +132,7 @@ class HdfVolume(StoredVolume):
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
-        with reading(self._path, "h5py"):
+        with reading(self._path, "h5py", MemoryError):
             if self._dataset is None:
                 import h5py
 
@@ -229,6 +230,7 @@ def _contiguous(shape: Sequence[int]) -> tuple[int, ...]:
 def _lengths(chunk: int | Sequence[int], n: int) -> tuple[int, ...]:
     if not isinstance(chunk, int):
         return tuple(map(int, chunk))
+    chunk *= max(1, -(-n // (chunk * _MOST_CHUNKS)))
     return (chunk,) * (n // chunk) + ((n % chunk,) if n % chunk else ())
 
 

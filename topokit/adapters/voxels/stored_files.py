@@ -19,6 +19,7 @@ from topokit.adapters.voxels.stored import (
     in_memory_array,
     stored_array,
 )
+from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, check_zarr, refuse_links
 from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, user_path
@@ -86,7 +87,10 @@ def _zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
         from zarr.errors import BaseZarrError
     except ImportError as error:
         raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
+    spacing: Spacing | None = None
     with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
+        if isinstance(path, Path):
+            refuse_links(path)
         found: Any = zarr.open(path, mode="r")
         if isinstance(found, zarr.Group):
             arrays = {
@@ -95,8 +99,9 @@ def _zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
             shapes = {name: one.shape for name, one in arrays.items()}
             levels = _levels(found)
             chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
-            return IndexedVolume(arrays[chosen], name, levels.get(chosen))
-    return IndexedVolume(found, name)
+            found, spacing = arrays[chosen], levels.get(chosen)
+        check_remote_zarr(path, found) if isinstance(path, str) else check_zarr(path, found)
+    return IndexedVolume(found, name, spacing)
 
 
 def _levels(group: Any) -> dict[str, Spacing | None]:
@@ -136,6 +141,7 @@ def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
         file = h5py.File(path, "r")  # stays open as long as the volume needs it
         file.visititems(note)
         found = file[_chosen(path, shapes, dataset)]
+        check_hdf(path, found)
         sizes = found.attrs.get("element_size_um")  # as ilastik and its kin write it
     return HdfVolume(found, path.name, None if sizes is None else _spacing(sizes))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,14 @@ from topokit.inputs.reading import reading
 _MICROMETERS = {"m": 1e6, "cm": 1e4, "mm": 1e3, "µm": 1.0, "μm": 1.0, "um": 1.0, "nm": 1e-3, "pm": 1e-6, "Å": 1e-4}
 
 
+class _Alone(io.BufferedReader):
+    """A file without a place on the disk: beside one, tifffile looks for more files of NDTiff and Micro-Manager."""
+
+    def fileno(self) -> int:
+        """None, so that it is no file for tifffile."""
+        raise io.UnsupportedOperation("fileno")
+
+
 def read_tiff(path: Path) -> tuple[NDArray[Any], Spacing | None]:
     """The first series of a file, in the order of its axes: Z, Y, X for stacks; axes of length 1 are left out."""
     try:
@@ -27,7 +36,11 @@ def read_tiff(path: Path) -> tuple[NDArray[Any], Spacing | None]:
         *(RuntimeError, TypeError, AttributeError, SyntaxError),  # the last one of damaged OME-XML
     )
     check_pages(path)
-    with reading(path, "tifffile", *damaged), tifffile.TiffFile(path, _multifile=False) as file:
+    with (
+        reading(path, "tifffile", *damaged),
+        _Alone(path.open("rb", buffering=0)) as stream,
+        tifffile.TiffFile(stream, _multifile=False) as file,
+    ):
         check_tiff(path, file)
         array = file.asarray()
         axes = file.series[0].axes if file.series else ""

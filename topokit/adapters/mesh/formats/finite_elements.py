@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
 from pathlib import Path
 
@@ -37,17 +35,29 @@ def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float
         raise MissingDependencyError(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".') from error
     refuse_entities(path)
     _refuse_other_data(path)
+    if format_name == "abaqus":
+        _refuse_includes(path)
     damaged = (
         *(meshio.ReadError, ArithmeticError, AssertionError, AttributeError, LookupError),
         *(NotImplementedError, RuntimeError, SyntaxError, TypeError),
     )
-    with reading(path, "meshio", *damaged), contextlib.redirect_stdout(io.StringIO()):  # where it prints warnings
+    with reading(path, "meshio", *damaged):
         mesh = getattr(meshio, format_name).read(path)  # meshio.read would end the process
     faces = polygons_of_cells((block.type, block.data) for block in mesh.cells)
     points = np.asarray(mesh.points, dtype=np.float64).reshape(len(mesh.points), -1)[:, :3]
     vertices = np.zeros((len(points), 3))
     vertices[:, : points.shape[1]] = points  # of a plane mesh z is 0
     return vertices, triangles(faces)
+
+
+def _refuse_includes(path: Path) -> None:
+    """Refuse an Abaqus file that includes others, which meshio opens wherever they are."""
+    with reading(path, "meshio"), path.open() as file:
+        for line in file:
+            keyword, _, rest = line.partition(",")
+            if not line.startswith("**") and keyword.strip().replace("*", "").upper() == "INCLUDE":
+                other = rest.rpartition("=")[2].strip()
+                raise ReadError(f"{path} includes {other!r}; other files than the given one are not opened.")
 
 
 def _refuse_other_data(path: Path) -> None:

@@ -205,7 +205,7 @@ def adapter_for(source: Any, name: str | None = None) -> Adapter:
 def objection(source: object, name: str | None) -> str | None:
     """Why the adapter of this name does not open what the caller did not name as a file; None if it does."""
     targets = _targets()
-    if name not in targets or _resolve(name, targets[name]).runs_code is None:
+    if name is None or name not in targets or _resolve(name, targets[name]).runs_code is None:
         return None
     return not_named(source, name)
 

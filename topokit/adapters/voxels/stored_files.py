@@ -100,7 +100,10 @@ def _zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
             levels = _levels(found)
             chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
             found, spacing = arrays[chosen], levels.get(chosen)
-        check_remote_zarr(path, found) if isinstance(path, str) else check_zarr(path, found)
+        if isinstance(path, str):
+            check_remote_zarr(path, found)
+        else:
+            check_zarr(path, found)
     return IndexedVolume(found, name, spacing)
 
 

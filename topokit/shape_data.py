@@ -17,6 +17,7 @@ from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.defects import Defect
 from topokit.core.neighbors import nearest_neighbors
+from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_neighbors, enough_samples
 from topokit.core.surface import TriangleSurface
@@ -92,6 +93,7 @@ class ShapeData:
         return f"Shape({self.name!r}, {counted}{count})"
 
     @cached_property
+    @full_precision
     def samples(self) -> SurfaceSamples:
         """The samples (..., N, 3), made when they are first needed."""
         with torch.inference_mode(False), torch.enable_grad():  # they outlive the mode in which they are first needed
@@ -99,6 +101,7 @@ class ShapeData:
         return enough_samples(made, given_or_default(self.n_neighbors), self.name)
 
     @cached_property
+    @full_precision
     def counted(self) -> CountedAnswer | None:
         """The counted answer, found when it is first needed, or None."""
         answer: CountedAnswer | None = self.__dict__["_make_counted"]()

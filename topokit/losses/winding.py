@@ -7,12 +7,14 @@ import math
 import torch
 from torch import Tensor, nn
 
+from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.core.linalg import normalize
 from topokit.core.local.curvature import at_neighbors
 from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.neighbors import nearest_neighbors
+from topokit.core.precision import full_precision
 from topokit.errors import InputError
 from topokit.losses.checks import check_count, check_finite
 
@@ -66,13 +68,14 @@ class WindingLoss(nn.Module):
         check_count("resolution", resolution, _LEAST_RESOLUTION)
         self.balance, self.alignment, self.reach, self.resolution = balance, alignment, reach, resolution
 
+    @full_precision
     def forward(
         self, points: Tensor, normals: Tensor, areas: Tensor | None = None, *, smoothing: float = 1.0
     ) -> Tensor:
         """The loss.
 
         Args:
-            points: (N, 3), in general position.
+            points: (N, 3), in general position. Half precisions are computed in float32.
             normals: (N, 3), of any positive length; their direction alone counts.
             areas: (N,), surface area that each sample stands for; from the neighbors' distances if None.
             smoothing: standard deviation of the field's smoothing, in sample spacings. From random normals start at
@@ -90,9 +93,10 @@ class WindingLoss(nn.Module):
             raise InputError(
                 f"points and normals must both be (N, 3), got {tuple(points.shape)} and {tuple(normals.shape)}."
             )
+        points, normals = at_least_single(points), at_least_single(normals)
         planes, own_areas = _planes_and_areas(points.detach())
         spacing = float(own_areas.mean().sqrt())
-        areas = own_areas if areas is None else areas
+        areas = own_areas if areas is None else at_least_single(areas)
         grid = make_grid(points, spacing, 1.0, self.resolution**3, self.resolution // 2, margin_cells=_MARGIN_CELLS)
         directions = normalize(normals)
         field = winding_field(points, directions, areas, grid, sigma=smoothing * spacing / grid.cell)

@@ -57,9 +57,10 @@ def from_sdf(
     asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface, those
     of more than 256 cells block by block, in memory that does not depend on the resolution.
     `gauss_bonnet()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
-    whatever f was computed from; samples move along their normals (implicit function theorem). f must not change in
-    between; but `smoothed_euler()` and the losses evaluate it anew in every call, so that one shape serves them for a
-    whole training. Pass `bounds` then: to find them takes evaluations.
+    whatever f was computed from; samples move along their normals (implicit function theorem), and which are drawn
+    is held fixed: a new shape draws anew unless it has `starts`. f must not change in between; but `smoothed_euler()`
+    and the losses evaluate it anew in every call, so that one shape serves them for a whole training. Pass `bounds`
+    then: to find them takes evaluations.
 
     A network with a latent code is a function of points once the code is fixed. It is called with up to 65 536 points
     at a time, and gradients reach the code:

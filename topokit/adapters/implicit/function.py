@@ -13,6 +13,7 @@ from torch import Tensor
 
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
+from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.errors import InputError, summary
 
@@ -44,8 +45,11 @@ class LevelFunction:
         self.dtype, self.device = self._dtype_and_device(probe)
         self.n_evaluations = 0
 
+    @full_precision
     def __call__(self, points: Tensor) -> Tensor:
         """Values (N,) at positions (N, 3), with a graph to points and weights where gradients are on.
+
+        f runs in the precision of its weights, whatever `torch.autocast` says outside: every answer is about one field.
 
         Raises:
             InputError: on a wrong shape, if f refuses the number of points, and on the CPU on NaN, naming the point.
@@ -92,6 +96,7 @@ class LevelFunction:
         with torch.no_grad():
             return self(points)
 
+    @full_precision
     def value_and_gradient(self, points: Tensor, create_graph: bool = False) -> tuple[Tensor, Tensor]:
         """Values (N,) and spatial gradients (N, 3); detached unless `create_graph`.
 
@@ -107,6 +112,7 @@ class LevelFunction:
             gradient = torch.zeros_like(points)
         return (values, gradient) if create_graph else (values.detach(), gradient)
 
+    @full_precision
     def _dtype_and_device(self, probe: Tensor) -> tuple[torch.dtype, torch.device]:
         """Those of f's weights, else the first that it accepts."""
         tried: list[str] = []

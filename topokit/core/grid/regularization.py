@@ -27,7 +27,7 @@ def regularized_samples(samples: SurfaceSamples, areas: Tensor, n_neighbors: int
         n_neighbors: see `topokit.core.local.neighborhood_size.automatic_neighbors`.
 
     Returns:
-        As many samples with outward normals, differentiable in the points and normals given.
+        As many samples with outward normals, differentiable in the points and normals given, at a fixed grid.
 
     Raises:
         InputError: if the samples are batched, or have no outward normals.

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.grid import Grid
+from topokit.core.precision import full_precision
 
 _BLOCK = 1 << 16  # points whose 27 weights and slopes are held at once
 
@@ -70,6 +71,7 @@ class GridSampler:
             flat.index_add_(0, stencil.index.reshape(-1), share.reshape(-1))
         return flat.reshape(self.grid.shape)
 
+    @full_precision
     def splat_dipoles(self, dipoles: Tensor) -> Tensor:
         """Σᵢ dᵢ · ∇ₚ φ(x − pᵢ), minus the divergence of the splatted vectors (N, 3). Adjoint of `gather_gradient`."""
         flat = self._empty(dipoles)
@@ -83,6 +85,7 @@ class GridSampler:
         flat = field.reshape(-1)
         return torch.cat([(flat[stencil.index] * stencil.weight).sum(1) for _, stencil in self._blocks()])
 
+    @full_precision
     def gather_gradient(self, field: Tensor) -> Tensor:
         """The gradient of the interpolated field at the points, (N, 3), per unit of length."""
         flat = field.reshape(-1)

@@ -19,6 +19,7 @@ from topokit.core.linalg import normalize, squared_norm, tangent_basis
 from topokit.core.local.curvature import at_neighbors, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.voronoi import CellVertices, cell_vertices, exact_cell_areas
+from topokit.core.precision import full_precision
 
 _GAP = 110.0  # degrees without a neighbor at a rim point; a straight boundary leaves 180
 _SUPPORT = 3  # neighbors that must have a gap too
@@ -92,6 +93,7 @@ class BoundaryEstimate:
         return sum(curve.length for curve in self.curves)
 
 
+@full_precision
 @torch.no_grad()
 def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     """Boundary curves of a sampled surface, from positions alone: input normals are misleading on thin parts.

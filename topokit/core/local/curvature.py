@@ -16,6 +16,7 @@ from topokit.core.local.quadric import fit_quadrics
 from topokit.core.local.voronoi import AreaMethod, cell_areas
 from topokit.core.local.weingarten import Solver, weingarten_map
 from topokit.core.neighbors import merged_neighbors, nearest_neighbors
+from topokit.core.precision import full_precision
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.errors import InputError
 
@@ -88,6 +89,7 @@ class Curvature:
     neighbors: Tensor
 
 
+@full_precision
 def surface_curvature(
     samples: SurfaceSamples, settings: CurvatureSettings = DEFAULT_SETTINGS, *, neighbors: Tensor | None = None
 ) -> Curvature:

@@ -16,6 +16,7 @@ from topokit.core.local.curvature import DEFAULT_SETTINGS, CurvatureSettings, su
 from topokit.core.local.descent import Changes, Descent, Variable, either
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.neighbors import nearest_neighbors
+from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
@@ -97,6 +98,7 @@ class Refinement:
         return self.outcome.value.format(error=self.error, steps=self.steps)
 
 
+@full_precision
 @torch.inference_mode(False)
 def self_optimize(
     samples: SurfaceSamples,

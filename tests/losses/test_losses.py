@@ -243,8 +243,10 @@ def test_half_precision_and_autocast_keep_single_precision_inside(loss: Loss, ha
 
 @pytest.mark.parametrize(
     ("module", "function", "whole"),
-    [(tk.EulerLoss(2.0), euler, True), (tk.TopologyLoss(0), topology, False)],
-    ids=["euler", "topology"],
+    [
+        pytest.param(tk.EulerLoss(2.0), euler, True, id="euler"),
+        pytest.param(tk.TopologyLoss(0), topology, False, id="topology", marks=pytest.mark.long),
+    ],
 )
 def test_the_euler_loss_compiles_whole_and_the_topology_loss_in_parts(
     module: torch.nn.Module, function: Loss, whole: bool

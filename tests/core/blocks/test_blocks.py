@@ -64,7 +64,7 @@ def every(side: int, shape: Triple) -> Division:
 
 
 @given(divided_volumes(), connectivities)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_blocks_give_the_numbers_of_the_whole(divided: tuple[Bools, Division], connectivity: int) -> None:
     padded, division = divided
     found, expected = counted(padded, connectivity, division), in_memory(padded, connectivity)
@@ -74,7 +74,7 @@ def test_blocks_give_the_numbers_of_the_whole(divided: tuple[Bools, Division], c
 
 
 @given(divided_volumes(), connectivities)
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_blocks_agree_with_scikit_image(divided: tuple[Bools, Division], connectivity: int) -> None:
     padded, division = divided
     found = counted(padded, connectivity, division)

@@ -325,7 +325,7 @@ def test_constant_field_moves_one_voxel() -> None:
     assert field.grad.sum() == 0.5
 
 
-@pytest.mark.parametrize("backend", ["aot_eager", "inductor"])
+@pytest.mark.parametrize("backend", ["aot_eager", pytest.param("inductor", marks=pytest.mark.long)])  # a C++ compiler
 @pytest.mark.parametrize("connectivity", CONNECTIVITIES)
 def test_compiles_without_graph_breaks(connectivity: int, backend: str) -> None:
     torch.manual_seed(7)

@@ -113,7 +113,7 @@ class Shape(DifferentiableShape):
         """The curves along which the surface ends, longest first; none if it is closed.
 
         Those of a mesh run along its edges with one face. Those of a cloud run through its samples and are found only
-        if they are longer than about twenty sample spacings.
+        if they are longer than about twenty sample spacings and can be traced.
 
         Raises:
             InputError: if the samples are batched, or a function's level set is cut by its box.

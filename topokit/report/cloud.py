@@ -14,15 +14,13 @@ from torch import Tensor
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent, genus_of
-from topokit.core.local.boundary import BoundaryEstimate
-from topokit.core.local.curvature import Curvature
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import check_sentences, far_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
-from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, wire_checks
+from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, lids, wire_checks
 from topokit.report.wording import plural, position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
@@ -38,7 +36,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
-    if found.part.boundary.curves and not is_wire:
+    if (found.part.boundary.curves or lids(witness)) and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
@@ -86,15 +84,16 @@ def _open_report(found: Examination) -> TopologyReport:
     witness, curves = found.witness, found.part.boundary.curves
     is_solid = witness is not None and not is_open_sheet(found.part.boundary, witness)
     components = _cloud_components(found)
+    where = (*_where_open(found.part), *_where_uncovered(found))
     return _report(
         found,
         euler=witness.euler if witness is not None and is_solid else round(found.part.estimate),
         verdict="unsure",
-        reasons=(_where_open(found.part.samples.points, found.part.curvature, found.part.boundary), *_refusal(found)),
-        n_deciding=1,
+        reasons=(*where, *_refusal(found)),
+        n_deciding=len(where),
         components=components,
         n_components=len(components),
-        boundary_loops=len(curves),
+        boundary_loops=len(curves) or None,  # rims that cannot be traced cannot be counted
     )
 
 
@@ -210,7 +209,10 @@ def _curvature_sentence(found: Examination) -> str:
     return f"The curvature of {found.part.samples.n_points} samples sums to χ ≈ {found.part.estimate:.2f}{share}."
 
 
-def _where_open(points: Tensor, local: Curvature, boundary: BoundaryEstimate) -> str:
+def _where_open(found: Examination) -> tuple[str, ...]:
+    points, local, boundary = found.samples.points, found.curvature, found.boundary
+    if not boundary.curves:
+        return ()
     index = torch.cat([curve.index for curve in boundary.curves]).to(points.device)
     low, high = points[index].aminmax(dim=0)
     extent = float((points.amax(0) - points.amin(0)).max())
@@ -219,5 +221,19 @@ def _where_open(points: Tensor, local: Curvature, boundary: BoundaryEstimate) ->
     return (
         f"The surface is not closed: its boundary runs along {plural(len(boundary.curves), 'curve')} of total length "
         f"{boundary.length:.4g}, between {' and '.join(corners)}; {band:.1%} of the area lies within a sample spacing "
-        "of it."
+        "of it.",
+    )
+
+
+def _where_uncovered(found: Examination) -> tuple[str, ...]:
+    points, witness = found.samples.points, found.witness
+    if witness is None or not (covers := lids(witness)):
+        return ()
+    low, high = points[torch.from_numpy(covers[0].samples).to(points.device)].aminmax(dim=0)
+    extent = float((points.amax(0) - points.amin(0)).max())
+    corners = " and ".join(position(corner.tolist(), extent) for corner in (low, high))
+    return (
+        f"The surface is not closed: the closed surface that was found has {plural(len(covers), 'patch', 'patches')} "
+        f"without samples; the largest, {float((high - low).max()) / witness.spacing:.0f} sample spacings wide, lies "
+        f"between {corners}, where about {covers[0].missing:.0f} samples are missing.",
     )

@@ -23,7 +23,7 @@ from topokit.core.neighbors import first_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.report.progress import stage_bar
-from topokit.report.verdict import is_open_sheet
+from topokit.report.verdict import is_open_sheet, lids
 
 
 class Examination:
@@ -146,12 +146,18 @@ def _for_all_points(found: Witness, near: Tensor, points: Tensor) -> Witness:
     normals = torch.nn.functional.normalize(away, dim=1).cpu().numpy()
     normals[rows] = found.normals
     surface = None if found.surface is None else replace(found.surface, points=rows[found.surface.points])
-    return replace(found, normals=normals, surface=surface)
+    uncovered = tuple(replace(patch, samples=rows[patch.samples]) for patch in found.uncovered)
+    return replace(found, normals=normals, surface=surface, uncovered=uncovered)
 
 
 def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
     """The integer of each batch item's witness; None if one bounds no solid or is an open sheet."""
-    eulers = [one.witness.euler for one in found if one.witness and not is_open_sheet(one.part.boundary, one.witness)]
+    eulers = []
+    for one in found:
+        boundary, witness = one.part.boundary, one.witness
+        turning_is_unknown = bool(lids(witness)) and not boundary.curves
+        if witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
+            eulers.append(witness.euler)
     return eulers if len(eulers) == len(found) else None
 
 

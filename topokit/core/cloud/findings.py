@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.cloud.cut_surface import CutSurface
+from topokit.core.cloud.uncovered import UncoveredPatch
 from topokit.core.cloud.votes import SampleQuality, Vote
 from topokit.core.cloud.wires import WireReading
 
@@ -86,6 +87,8 @@ class Witness:
             their own were added.
         rounding: step between neighboring values of the coordinates, in units of length, where these have no more
             digits than single precision; else 0.
+        uncovered: patches of the first cut's surface far from all samples, largest first; their samples are those of
+            the points given. None for a wire.
     """
 
     euler: int
@@ -108,6 +111,7 @@ class Witness:
     is_widened: bool = False
     is_repeated: bool = False
     rounding: float = 0.0
+    uncovered: tuple[UncoveredPatch, ...] = ()
 
     @property
     def is_downsampled(self) -> bool:

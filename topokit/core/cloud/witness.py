@@ -32,6 +32,7 @@ from topokit.core.cloud.neighborhoods import (
 from topokit.core.cloud.planes import turned_towards
 from topokit.core.cloud.rounding import single_precision_step
 from topokit.core.cloud.stage_seconds import stage_seconds
+from topokit.core.cloud.uncovered import uncovered_patches
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
 from topokit.core.kd_tree import nearest_in_tree
@@ -124,8 +125,14 @@ def global_witness(
     )
     if look.wire is not None:
         return _as_wire(witness, look.wire)
-    surface = cut_surface(look.complex_, look.cut.inside, euler)
-    witness = replace(witness, surface=replace(surface, points=kept[look.kept][surface.points]))
+    surface, patches = (
+        cut_surface(look.complex_, look.cut.inside, euler),
+        uncovered_patches(look.complex_, look.cut.inside),
+    )
+    used = kept[look.kept]
+    surface = replace(surface, points=used[surface.points])
+    uncovered = tuple(replace(patch, samples=used[patch.samples]) for patch in patches)
+    witness = replace(witness, surface=surface, uncovered=uncovered)
     return _second_look(witness, look.points, may_smooth)
 
 

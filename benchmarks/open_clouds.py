@@ -1,0 +1,191 @@
+"""Clouds that planes, boxes, spheres and one-sided scans cut from closed meshes: are any of them called closed?
+
+    python benchmarks/open_clouds.py DATA --cuts 200 --out open.jsonl
+
+DATA holds index.json and the closed meshes that it names. A cut is a mesh, 5 000, 10 000 or 30 000 random points of
+it, with or without normals, and the part of these that is kept. A scan keeps what is seen from far away in one
+direction. `--out` is continued if it exists. Rims that are narrower than two and a half times `report().resolution` are
+counted apart: such holes are as large as gaps between random samples. A rim's width is the diagonal of the box around
+its widest curve, traced on the mesh. The controls are the same points before they are cut.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import trimesh
+from confidence import clean_meshes, read_rows
+from numpy.typing import NDArray
+
+import topokit as tk
+from topokit.core.labels import connected_labels
+
+Floats = NDArray[np.float64]
+Booleans = NDArray[np.bool_]
+
+SIZES, SIZE_SHARES = (5_000, 10_000, 30_000), (0.4, 0.4, 0.2)
+KINDS, KIND_SHARES = ("plane", "box", "sphere", "scan"), (0.4, 0.25, 0.2, 0.15)
+FEWEST = 400  # points that must be left
+NARROW = 2.5  # resolutions, from which a rim must be recognized
+STEPS = 40  # edges on which rims are traced per longest side, at least
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What is kept of a cloud.
+
+    Attributes:
+        kept: (N,) bool.
+        width: of the widest rim, in units of length.
+    """
+
+    kept: Booleans
+    width: float
+
+
+def cut(kind: str, mesh: trimesh.Trimesh, points: Floats, normals: Floats, rng: np.random.Generator) -> Cut:
+    """A random part of the points, and how wide its rim is."""
+    if kind == "scan":
+        return Cut(seen(mesh, points, normals, rng), float(np.ptp(points, axis=0).max()))
+    side = {"plane": half_space, "box": box, "sphere": ball}[kind](points, rng)
+    return Cut(side(points) > 0, rim_width(mesh, side))
+
+
+def half_space(points: Floats, rng: np.random.Generator) -> Callable[[Floats], Floats]:
+    """One side of a plane, along an axis or not."""
+    along = rng.normal(size=3) if rng.random() < 0.5 else np.eye(3)[rng.integers(3)] * rng.choice((-1, 1))
+    along = along / np.linalg.norm(along)
+    level = np.quantile(points @ along, rng.uniform(0.05, 0.95))
+    return lambda x: level - x @ along
+
+
+def box(points: Floats, rng: np.random.Generator) -> Callable[[Floats], Floats]:
+    """A crop box around the middle, or all but a box around a point."""
+    size = np.ptp(points, axis=0)
+    if rng.random() < 0.5:
+        center, half = np.median(points, axis=0), size * rng.uniform(0.25, 0.45, size=3)
+        return lambda x: 1 - np.abs((x - center) / half).max(1)
+    center, half = points[rng.integers(len(points))], size * rng.uniform(0.1, 0.6, size=3)
+    return lambda x: np.abs((x - center) / half).max(1) - 1
+
+
+def ball(points: Floats, rng: np.random.Generator) -> Callable[[Floats], Floats]:
+    """A ball around a point, or all but one."""
+    center, radius = points[rng.integers(len(points))], np.ptp(points, axis=0).max() * rng.uniform(0.08, 0.6)
+    sign = rng.choice((-1, 1))
+    return lambda x: sign * (radius - np.linalg.norm(x - center, axis=1))
+
+
+def seen(mesh: trimesh.Trimesh, points: Floats, normals: Floats, rng: np.random.Generator) -> Booleans:
+    """What faces one direction and is not hidden behind other points, by a depth buffer."""
+    towards = rng.normal(size=3)
+    towards /= np.linalg.norm(towards)
+    across = np.linalg.svd(towards[None])[2][1:]
+    spacing = np.sqrt(mesh.area / len(points))
+    pixel = np.unique(np.floor(points @ across.T / (2.5 * spacing)), axis=0, return_inverse=True)[1].ravel()
+    depth, front = points @ towards, np.full(pixel.max() + 1, -np.inf)
+    np.maximum.at(front, pixel, depth)
+    return np.asarray((normals @ towards > 0) & (depth > front[pixel] - 4 * spacing))
+
+
+def rim_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float:
+    """Diagonal of the box around the widest curve on which the side of a closed mesh is zero."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, size / STEPS, max_iter=20)
+    value = side(vertices)
+    faces = faces[(value[faces] > 0).any(1) & (value[faces] <= 0).any(1)]
+    edges = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2)
+    crossed = edges[(value[edges[..., 0]] > 0) != (value[edges[..., 1]] > 0)]
+    if len(crossed) == 0:
+        return 0.0
+    share = (value[crossed[:, 0]] / (value[crossed[:, 0]] - value[crossed[:, 1]]))[:, None]
+    places = vertices[crossed[:, 0]] * (1 - share) + vertices[crossed[:, 1]] * share
+    node = np.unique(np.round(places / size * 1e6).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+    first, second = node.reshape(-1, 2).T  # two crossed edges of every face
+    curve = connected_labels(int(node.max()) + 1, first, second)[node]
+    return max(float(np.linalg.norm(np.ptp(places[curve == one], axis=0))) for one in np.unique(curve))
+
+
+def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[str, Any]]) -> dict[str, Any] | None:
+    """The reports of one cut cloud and of the same points before the cut; None if too few points are left."""
+    rng = np.random.default_rng([27, number])
+    name = str(names[rng.integers(len(names))])
+    kind, size = str(rng.choice(KINDS, p=KIND_SHARES)), int(rng.choice(SIZES, p=SIZE_SHARES))
+    with_normals = bool(rng.random() < 1 / 3)
+    whole = tk.from_mesh(folder / rows[name]["path"]).mesh
+    assert whole is not None
+    mesh = trimesh.Trimesh(*(part.numpy() for part in whole), process=False)
+    points, face = trimesh.sample.sample_surface(mesh, size, seed=number)
+    points, normals = np.asarray(points, dtype=np.float64), np.asarray(mesh.face_normals[face])
+    part = cut(kind, mesh, points, normals, rng)
+    if not FEWEST <= part.kept.sum() <= size - FEWEST // 4:
+        return None
+
+    def report(kept: Booleans) -> tk.TopologyReport:
+        own = torch.from_numpy(normals[kept]) if with_normals else None
+        return tk.from_points(torch.from_numpy(points[kept]), own).report()
+
+    found, control = report(part.kept), report(np.ones(size, dtype=bool))
+    return {
+        "number": number,
+        "shape": name,
+        "kind": kind,
+        "points": size,
+        "normals": with_normals,
+        "width": part.width / found.resolution,
+        "verdict": found.verdict,
+        "closed": found.closed,
+        "control": control.verdict,
+        "control_closed": control.closed,
+    }
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    """One line for each kind of cut, size and kind of input: what was said of the cut clouds and of the controls."""
+    print(
+        "| cut by | clouds | open | closed, unsure | closed, likely | narrow rims | controls likely | controls open |"
+    )
+    print("|---" * 8 + "|")
+    keys = [("kind", kind) for kind in KINDS] + [("points", size) for size in SIZES]
+    for key, value in [*keys, ("normals", True), ("normals", False), (None, "all")]:
+        own = [row for row in rows if key is None or row[key] == value]
+        wide = [row for row in own if row["width"] >= NARROW]
+        closed = [row for row in wide if row["closed"]]
+        likely = sum(row["verdict"] == "likely" for row in closed)
+        label = value if key != "normals" else ("with normals" if value else "without normals")
+        print(
+            f"| {label} | {len(wide)} | {len(wide) - len(closed)} | {len(closed) - likely} | {likely} | "
+            f"{len(own) - len(wide)} | {sum(row['control'] == 'likely' for row in own)} | "
+            f"{sum(not row['control_closed'] for row in own)} |"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("--cuts", type=int, default=200)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    meshes = clean_meshes(options.data)
+    rows = read_rows(options.out) if options.out.exists() else []
+    number = max((row["number"] for row in rows), default=-1) + 1
+    with options.out.open("a", encoding="utf-8") as file:
+        while len(rows) < options.cuts:
+            row = examined(number, sorted(meshes), options.data, meshes)
+            number += 1
+            if row is not None:
+                rows.append(row)
+                file.write(json.dumps(row) + "\n")
+                file.flush()
+    print_table(rows)
+
+
+if __name__ == "__main__":
+    main()

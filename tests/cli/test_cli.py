@@ -157,7 +157,7 @@ def test_a_gray_volume_needs_a_level_and_gets_one(files: Path) -> None:
 
 
 def test_an_occupancy_network_is_opened_by_the_adapter_that_is_named(files: Path) -> None:
-    options = ("--adapter", "occupancy", "--resolution", 128, "--bounds", "-1,-1,-1,1,1,1")
+    options = ("--adapter", "occupancy", "--resolution", 128, "--bounds", "-1,1", "--batch-size", 5000)
     found = invoke("report", files / "occ.pt", *options)
     assert found.stdout.startswith("occ.pt: Euler characteristic 2 (likely), genus 0"), found.stderr
     assert invoke("report", files / "occ.pt", "--bounds", "-1,-1,-1,1,1,1").exit_code == 1
@@ -182,7 +182,7 @@ def said(found: Result) -> str:
     ("options", "message"),
     [
         (("--level", "bone"), "--level is 'bone'; expected a number or none."),
-        (("--bounds", "0,0,0,1,1"), "--bounds is '0,0,0,1,1'; expected 6 values with commas between them or none."),
+        (("--bounds", "0,0,0,1,1"), "--bounds is '0,0,0,1,1'; expected 6 values with commas between them or 2 values"),
         (("--adapter", "mesh", "--level", "3"), "adapter 'mesh' has no option --level."),
         (("--adapter", "occupancy", "-O", "depth=3"), "adapter 'occupancy' has no option -O depth=…."),
         (("--adapter", "occupation"), "--adapter is 'occupation'; expected mesh or points or voxels"),

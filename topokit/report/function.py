@@ -6,10 +6,12 @@ from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.convergence import ConvergenceStudy
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import function_verdict
+from topokit.report.wording import plural
 
 
 def function_answer(
     found: ConvergenceStudy,
+    has_distance: bool,
     components: CountedComponents,
     low: Corner,
     high: Corner,
@@ -19,6 +21,7 @@ def function_answer(
 
     Args:
         found: counts on grids of growing resolution.
+        has_distance: whether values tell how far the level set is (see `unseen.carries_distance`).
         components: closed surfaces on the grid that was kept.
         low: lowest corner of the box.
         high: highest corner of the box.
@@ -26,9 +29,15 @@ def function_answer(
     """
     faces = _face_names(found.reached_faces, low, high)
     adds_up = components.euler.sum() == found.euler
-    verdict = function_verdict(found.has_converged, reaches_box=bool(faces), adds_up=adds_up)
+    verdict = function_verdict(
+        found.has_converged,
+        has_distance=has_distance,
+        n_unseen=found.n_unseen,
+        reaches_box=bool(faces),
+        adds_up=bool(adds_up),
+    )
     finest = found.counts[-1]
-    deciding, others = _reasons(found, faces, adds_up=bool(adds_up))
+    deciding, others = _reasons(found, faces, has_distance=has_distance, adds_up=bool(adds_up))
     return CountedAnswer(
         evidence=Evidence(
             f"grids of {found.counts[0].n_cells} to {finest.n_cells} cells",
@@ -42,7 +51,7 @@ def function_answer(
         verdict=verdict,
         reasons=(*deciding, *others),
         n_deciding=len(deciding),
-        resolution=2 * found.counts[max(0, len(found.counts) - 3)].step,
+        resolution=2 * found.counts[-3].step,
     )
 
 
@@ -55,18 +64,32 @@ def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner)
     ]
 
 
-def _reasons(found: ConvergenceStudy, faces: list[str], *, adds_up: bool) -> tuple[list[str], list[str]]:
+def _reasons(
+    found: ConvergenceStudy, faces: list[str], *, has_distance: bool, adds_up: bool
+) -> tuple[list[str], list[str]]:
     """Sentences that decided the verdict, and the others."""
     deciding: list[str] = []
     if faces:
         deciding.append(
-            f"The zero set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
+            f"The level set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
             "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
         )
     if not found.has_converged:
         deciding.append(_unsettled(found))
     elif not adds_up:
         deciding.append("The surfaces of the grid that is kept do not add up to that integer.")
+    if found.n_unseen:
+        deciding.append(
+            f"At {plural(found.n_unseen, 'place')} of the last grid the function reaches its level between grid points "
+            f"that are all on one side: parts thinner than {found.counts[-1].step:.3g} are missed. Pass a larger "
+            "resolution, or bounds around a part."
+        )
+    if not has_distance:
+        deciding.append(
+            f"The function jumps to a constant within {found.first_step:.3g}, a cell of the first grid, so nothing "
+            "tells where parts smaller than that may be. Use the values before the last activation: "
+            "from_occupancy(logits=True), or a signed distance."
+        )
     share = found.n_evaluations / found.n_vertices
     others = [
         f"Surface χ by counting on grids: {'; '.join(str(count) for count in found.counts)}.",
@@ -78,11 +101,10 @@ def _reasons(found: ConvergenceStudy, faces: list[str], *, adds_up: bool) -> tup
 
 
 def _settled(found: ConvergenceStudy) -> str:
-    counts = found.counts
     return (
-        f"Both connectivities agree on the last {min(3, len(counts))} grids, also with the level moved by up "
-        "to a tenth of a cell's change; separate parts smaller than a cell of the first grid "
-        f"({counts[0].step:.3g}) can be missed, and nothing is proven about what lies between grid points."
+        "Both connectivities agree on the last 3 grids, also with the level moved by up to a tenth of a cell's change; "
+        f"nothing is proven about what lies between grid points ({found.counts[-1].step:.3g} apart near the surface, "
+        f"{found.first_step:.3g} elsewhere)."
     )
 
 

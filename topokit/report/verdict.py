@@ -162,15 +162,20 @@ def volume_verdict() -> Verdict:
     return "certain"
 
 
-def function_verdict(is_converged: bool, *, reaches_box: bool, adds_up: bool) -> Verdict:
+def function_verdict(
+    is_converged: bool, *, has_distance: bool, n_unseen: int, reaches_box: bool, adds_up: bool
+) -> Verdict:
     """A level set is likely once refinement changes nothing; no grid proves what lies between its points.
 
     Args:
-        is_converged: whether both connectivities, successive grids and shifted levels agree.
+        is_converged: whether both connectivities, three successive grids and shifted levels agree.
+        has_distance: whether the values say how far the level set is, so that cells could be left out.
+        n_unseen: places where the level is reached between vertices of the finest grid that are all on one side.
         reaches_box: whether the level set is cut by the box.
         adds_up: whether the surfaces of the grid that was kept sum to the integer.
     """
-    return "likely" if is_converged and adds_up and not reaches_box else "unsure"
+    sees_all = has_distance and n_unseen == 0 and not reaches_box
+    return "likely" if is_converged and adds_up and sees_all else "unsure"
 
 
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:

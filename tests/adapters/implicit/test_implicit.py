@@ -77,7 +77,7 @@ def network(activation: nn.Module, dtype: torch.dtype = torch.float64, width: in
 def test_integer_of_functions_that_are_no_distances(f: Function, euler: int, genus: int) -> None:
     report = tk.from_sdf(f, bounds=BOX, **ROUGH).report()
     assert (report.euler, report.genus, report.verdict, report.closed) == (euler, genus, "likely", True)
-    assert report.resolution == pytest.approx(2 * 2 / 64)
+    assert report.resolution == pytest.approx(2 * 2 / 32)
     assert report.components == len(report.per_component)
 
 
@@ -191,6 +191,7 @@ def test_box_that_cuts_the_surface_is_named() -> None:
         (lambda x: x.sum(), r"shape \(\)"),
         (lambda x: (x[:, 0] - 0.2).sqrt(), "NaN"),
         (lambda x: x.numpy().tolist(), "returns list"),
+        (lambda x: x.numpy()[:, 0], r"returns ndarray.*torch\.as_tensor"),
         (lambda x, y: x, "cannot be called"),
         (7, "got int"),
     ],
@@ -200,7 +201,14 @@ def test_each_failure_has_its_own_message(f: Any, said: str) -> None:
         tk.from_sdf(f, bounds=BOX, **ROUGH).report()
 
 
-@pytest.mark.parametrize("bounds", [((0, 0, 0), (0, 1, 1)), ((0, 0), (1, 1)), "box", ((0, 0, 0), (1, 1, math.inf))])
+def test_two_bounds_are_those_of_a_cube() -> None:
+    boxes = [tk.from_sdf(ball, bounds=bounds, **ROUGH).field.grid for bounds in ((-1, 1), BOX)]
+    assert boxes[0] == boxes[1]
+
+
+@pytest.mark.parametrize(
+    "bounds", [((0, 0, 0), (0, 1, 1)), ((0, 0), (1, 1)), "box", ((0, 0, 0), (1, 1, math.inf)), (1, -1), (0, 1, 2)]
+)
 def test_bounds_are_checked(bounds: Any) -> None:
     with pytest.raises(tk.TopokitError, match=r"^bounds "):
         tk.from_sdf(ball, bounds=bounds)
@@ -209,7 +217,9 @@ def test_bounds_are_checked(bounds: Any) -> None:
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ({"resolution": 64}, "^resolution is 64; it must be at least 128"),
+        ({"resolution": 64}, "^resolution is 64; it must be at least 128.* the first grid of 64 cells"),
+        ({"batch_size": 0}, "^batch_size is 0; it must be from 1 to 65536"),
+        ({"batch_size": 1 << 17}, "^batch_size is 131072; it must be from 1 to 65536"),
         ({"n_samples": 20}, "^n_samples is 20; it must be larger than n_neighbors"),
         ({"field_resolution": 2}, "^field_resolution is 2; it must be at least 8"),
         ({"level": "0.5"}, "^level must be a finite number, got '0.5'"),

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.implicit.files import read_network
-from topokit.adapters.implicit.function import Function, FunctionField, LevelFunction
+from topokit.adapters.implicit.function import BATCH_SIZE, Function, FunctionField, LevelFunction
 from topokit.adapters.implicit.surface import COARSEST, Bounds, ImplicitSurface
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
@@ -30,6 +30,8 @@ from topokit.plugins.programs import not_named
 from topokit.shape import Shape
 
 _UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
+_EXPECTED_BOUNDS = "((x0, y0, z0), (x1, y1, z1)), or (lowest, highest) for a cube"
+_EVEN = 0.5  # the level of occupancies: probabilities, where nothing else is given
 _SEARCH_CELLS = 32  # of the grids on which bounds are searched
 _DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
 _NEEDS_NUMBA = 2048  # cells of the first grid of which a settled count may be shown on a grid that is not kept
@@ -40,7 +42,7 @@ _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.bat
 def from_sdf(
     f: Function | str | os.PathLike[str],
     *,
-    bounds: Bounds | None = None,
+    bounds: Bounds | tuple[float, float] | None = None,
     level: float = 0.0,
     resolution: int = 512,
     n_samples: int = 10_000,
@@ -48,30 +50,32 @@ def from_sdf(
     starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    batch_size: int = BATCH_SIZE,
     block_voxels: int | None = None,
     client: Any = None,
 ) -> Shape:
     """The surface {f = level} of a function that is lower inside, such as a signed distance network.
 
     f need not be a distance: only its sign is used, and where it may change. Everything is computed when it is first
-    asked for. `report()` counts χ on grids from 64 to `resolution` cells and evaluates f only near the surface, those
-    of more than 256 cells block by block, in memory that does not depend on the resolution.
+    asked for. `report()` counts χ on grids from 64 to `resolution` cells, those of more than 256 cells block by block,
+    in memory that does not depend on the resolution. The first grid is evaluated at all of its points (0.27 million, or
+    2.1 million of 128 cells where f jumps to a constant within a cell, as steep occupancies do), the others near the
+    surface: at 512 cells three to eight million in all.
     `gauss_bonnet()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
     whatever f was computed from; samples move along their normals (implicit function theorem), and which are drawn
     is held fixed: a new shape draws anew unless it has `starts`. f must not change in between; but `smoothed_euler()`
     and the losses evaluate it anew in every call, so that one shape serves them for a whole training. Pass `bounds`
     then: to find them takes evaluations.
 
-    A network with a latent code is a function of points once the code is fixed. It is called with up to 65 536 points
-    at a time, and gradients reach the code:
+    A network with a latent code is a function of points once the code is fixed. Gradients reach the code:
     `from_sdf(lambda x: decoder(torch.cat((code.expand(len(x), -1), x), dim=1)), bounds=box)`.
 
     Args:
         f: any callable, `nn.Module` or not, compiled or not, on any device and of any floating type, that maps (N, 3)
             points to (N,) or (N, 1); or the path of a TorchScript or torch.export file, which is a program and runs:
             give only files that you would run.
-        bounds: lowest and highest corner of the box that holds the surface. By default [−1, 1]³, doubled up to six
-            times while the surface touches it; if that does not help, [−1, 1]³.
+        bounds: lowest and highest corner of the box that holds the surface, or two numbers for a cube. By default
+            [−1, 1]³, doubled up to six times while the surface touches it; if that does not help, [−1, 1]³.
         level: value of f on the surface.
         resolution: cells along the longest side of the finest grid of `report()`, at least 128; each doubling costs
             about four times as many evaluations. 2048 and more need numba.
@@ -83,6 +87,8 @@ def from_sdf(
             starts are not seen, and the samples grow uneven: leave starts out now and then.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
+        batch_size: points per call of f, at most, up to 65 536: fewer for functions that need much memory for each
+            point. Where a call runs out of memory it is halved by itself. The integers do not depend on it.
         block_voxels: grid points in a block, at most; by default 2²¹.
         client: a `dask.distributed.Client` whose workers evaluate the blocks, to which f is sent; by default this
             process, one by one.
@@ -100,7 +106,7 @@ def from_sdf(
     """
     name, function = _name_and_function(f, "sdf", "from_sdf")
     blocks = _blocks(block_voxels, client)
-    sizes = resolution, n_samples, field_resolution
+    sizes = resolution, n_samples, field_resolution, batch_size
     settings = _Settings(bounds, level, *sizes, starts, n_neighbors, generator, blocks)
     return _shape(name, function, -1, settings)
 
@@ -108,8 +114,8 @@ def from_sdf(
 def from_occupancy(
     f: Function | str | os.PathLike[str],
     *,
-    bounds: Bounds | None = None,
-    level: float = 0.5,
+    bounds: Bounds | tuple[float, float] | None = None,
+    level: float = _EVEN,
     logits: bool = False,
     resolution: int = 512,
     n_samples: int = 10_000,
@@ -117,6 +123,7 @@ def from_occupancy(
     starts: Tensor | ArrayLike | None = None,
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
+    batch_size: int = BATCH_SIZE,
     block_voxels: int | None = None,
     client: Any = None,
 ) -> Shape:
@@ -125,7 +132,8 @@ def from_occupancy(
     Args:
         f: as for `from_sdf`.
         bounds: as for `from_sdf`.
-        level: value of f on the surface, a probability.
+        level: value of f on the surface, a probability. At 0.5 values below −0.1 are refused, as those of a signed
+            distance or of log-odds; for other functions give their level.
         logits: whether f returns log-odds instead of probabilities; `level` still is a probability. Gradients of
             log-odds do not vanish far from the surface.
         resolution: as for `from_sdf`.
@@ -134,6 +142,7 @@ def from_occupancy(
         starts: as for `from_sdf`.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: as for `from_sdf`.
+        batch_size: as for `from_sdf`.
         block_voxels: as for `from_sdf`.
         client: as for `from_sdf`.
 
@@ -149,9 +158,9 @@ def from_occupancy(
     name, function = _name_and_function(f, "occupancy", "from_occupancy")
     on_surface = _log_odds(level) if logits else level
     blocks = _blocks(block_voxels, client)
-    sizes = resolution, n_samples, field_resolution
+    sizes = resolution, n_samples, field_resolution, batch_size
     settings = _Settings(bounds, on_surface, *sizes, starts, n_neighbors, generator, blocks)
-    return _shape(name, function, 1, settings)
+    return _shape(name, function, 1, settings, is_probability=not logits and level == _EVEN)
 
 
 def _blocks(block_voxels: int | None, client: Any) -> Blocks:
@@ -174,11 +183,12 @@ class _Settings:
         InputError: if one of them is not usable.
     """
 
-    bounds: Bounds | None
+    bounds: Bounds | tuple[float, float] | None
     level: float
     resolution: int
     n_samples: int
     field_resolution: int
+    batch_size: int
     starts: Tensor | ArrayLike | None
     n_neighbors: int | None
     generator: torch.Generator | None
@@ -188,17 +198,22 @@ class _Settings:
         if not isinstance(self.level, Real) or not math.isfinite(self.level):
             raise InputError(f"level must be a finite number, got {self.level!r}.")
         if self.resolution < 2 * COARSEST:
-            raise InputError(f"resolution is {self.resolution}; it must be at least {2 * COARSEST}.")
+            raise InputError(
+                f"resolution is {self.resolution}; it must be at least {2 * COARSEST}, as the first grid of "
+                f"{COARSEST} cells is needed in any case and an answer counts only if finer grids repeat it."
+            )
         if self.resolution >= _NEEDS_NUMBA:
             import topokit.core.implicit.block_components  # noqa: F401  (says now if numba is missing, not at the end)
         if self.field_resolution < 8:
             raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
+        if not 1 <= self.batch_size <= BATCH_SIZE:
+            raise InputError(f"batch_size is {self.batch_size}; it must be from 1 to {BATCH_SIZE} points.")
         check_sample_count(self.n_samples, given_or_default(self.n_neighbors))
 
 
-def _shape(name: str, f: Function, sign: int, settings: _Settings) -> Shape:
+def _shape(name: str, f: Function, sign: int, settings: _Settings, is_probability: bool = False) -> Shape:
     bounds = _UNIT_CUBE if settings.bounds is None else _as_bounds(settings.bounds)
-    function = LevelFunction(f, settings.level, sign, name, _probes(bounds))
+    function = LevelFunction(f, settings.level, sign, name, _probes(bounds), settings.batch_size, is_probability)
     notes: tuple[str, ...] = ()
     if settings.bounds is None:
         bounds, notes = _find_bounds(function)
@@ -252,10 +267,11 @@ def _name_and_function(source: object, kind: str, caller: str) -> tuple[str, Fun
 def _as_bounds(bounds: object) -> Bounds:
     try:
         corners = torch.tensor(bounds, dtype=torch.float64)
+        corners = corners[:, None].expand(2, 3) if corners.shape == (2,) else corners
     except (TypeError, ValueError) as error:
-        raise InputError(f"bounds could not be read ({error}); expected ((x0, y0, z0), (x1, y1, z1)).") from error
+        raise InputError(f"bounds could not be read ({error}); expected {_EXPECTED_BOUNDS}.") from error
     if corners.shape != (2, 3) or not bool(corners.isfinite().all()) or not bool((corners[0] < corners[1]).all()):
-        raise InputError(f"bounds must be ((x0, y0, z0), (x1, y1, z1)) with lower before upper, got {bounds}.")
+        raise InputError(f"bounds must be {_EXPECTED_BOUNDS}, with lower before upper, got {bounds}.")
     low, high = (tuple(corner) for corner in corners.tolist())
     return low, high
 

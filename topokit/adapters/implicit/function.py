@@ -6,6 +6,7 @@ import io
 import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import Any
 
 import torch
@@ -18,9 +19,11 @@ from topokit.core.residence import stays_on_device
 from topokit.errors import InputError, summary
 
 Function = Callable[[Tensor], Tensor]
-_CHUNK = 1 << 16  # points per call
+BATCH_SIZE = 1 << 16  # points per call, at most
 
 _GUARD = "Expected input at"  # how torch 2.8 says what later ones assert
+_NUMPY = "Can't call numpy() on Tensor that requires grad"
+_NO_MEMORY = "out of memory", "DefaultCPUAllocator"  # in a RuntimeError: of mps and drivers, and of the CPU
 # What calls with the wrong type or number of points raise; AssertionError is that of the guards of torch.export.
 _OF_CALLS = (AssertionError, AttributeError, IndexError, NameError, RuntimeError, TypeError, ValueError)
 
@@ -34,31 +37,99 @@ class LevelFunction:
         sign: +1 where f is high inside, −1 where it is low inside.
         name: what to call f in errors.
         probe: (m, 3) positions for the first call.
+        batch_size: points per call of f, at most; halved for good where a call runs out of memory.
+        is_probability: whether values should be from 0 to 1.
 
     Raises:
         InputError: if f cannot be called with points of any common type and device, or returns something else than
             one finite number per point.
     """
 
-    def __init__(self, f: Function, level: float, sign: int, name: str, probe: Tensor) -> None:
+    def __init__(
+        self,
+        f: Function,
+        level: float,
+        sign: int,
+        name: str,
+        probe: Tensor,
+        batch_size: int = BATCH_SIZE,
+        is_probability: bool = False,
+    ) -> None:
         self.f, self.level, self.sign, self.name = f, level, sign, name
+        self.batch_size, self.is_probability = batch_size, is_probability
         self.dtype, self.device = self._dtype_and_device(probe)
         self.n_evaluations = 0
 
-    @full_precision
     def __call__(self, points: Tensor) -> Tensor:
         """Values (N,) at positions (N, 3), with a graph to points and weights where gradients are on.
 
         f runs in the precision of its weights, whatever `torch.autocast` says outside: every answer is about one field.
+        On accelerators NaN is not checked, as that would make the host wait for the device: NaN gives NaN.
 
         Raises:
-            InputError: on a wrong shape, if f refuses the number of points, and on the CPU on NaN, naming the point.
+            InputError: on a wrong shape, if f refuses the number of points or needs too much memory for one, and on the
+                CPU on NaN, naming the point.
         """
+        return self._in_batches(points, lambda part: (self._values(part, checked=False),))[0]
+
+    def without_graph(self, points: Tensor) -> Tensor:
+        """Values (N,) on the CPU, detached; NaN is an InputError on every device."""
+        with torch.no_grad():
+            return self._in_batches(points, lambda part: (self._values(part, checked=True).cpu(),))[0]
+
+    def value_and_gradient(self, points: Tensor, create_graph: bool = False) -> tuple[Tensor, Tensor]:
+        """Values (N,) and spatial gradients (N, 3); detached, and NaN is an InputError, unless `create_graph`.
+
+        The gradient is zero where f does not depend on the points through torch.
+        """
+        if create_graph:
+            return self._with_gradient(points, self, create_graph=True)
+        values_at = partial(self._values, checked=True)
+        values, gradient = self._in_batches(points, lambda part: self._with_gradient(part, values_at))
+        return values, gradient
+
+    @full_precision
+    def _with_gradient(self, points: Tensor, values_at: Function, create_graph: bool = False) -> tuple[Tensor, Tensor]:
+        with torch.enable_grad():
+            at = points if create_graph and points.requires_grad else points.detach().requires_grad_(True)
+            values = values_at(at)
+            gradient = None
+            if values.requires_grad:
+                gradient = torch.autograd.grad(values.sum(), at, create_graph=create_graph, allow_unused=True)[0]
+        if gradient is None:
+            gradient = torch.zeros_like(points)
+        return (values, gradient) if create_graph else (values.detach(), gradient)
+
+    @full_precision
+    def _in_batches(self, points: Tensor, call: Callable[[Tensor], tuple[Tensor, ...]]) -> tuple[Tensor, ...]:
+        """What the call returns for all points, in batches that are halved as long as memory does not suffice."""
+        found: list[tuple[Tensor, ...]] = []
+        start, size = 0, self.batch_size
+        while start < len(points) or not found:
+            part = points[start : start + size]
+            try:
+                found.append(call(part))
+            except (MemoryError, RuntimeError) as error:
+                if not _is_out_of_memory(error):
+                    raise
+                if len(part) <= 1:
+                    raise InputError(
+                        f"{self.name} runs out of memory with one point more ({summary(error)}): use a smaller "
+                        "network, or lower n_samples or field_resolution, as gradients keep what all points need."
+                    ) from error
+                size = len(part) // 2
+                continue
+            start += size
+        self.batch_size = size
+        self.n_evaluations += len(points)
+        return tuple(torch.cat(column) for column in zip(*found, strict=True))
+
+    def _values(self, points: Tensor, *, checked: bool) -> Tensor:
+        """Values of one call; `checked` says whether to refuse NaN on accelerators, too."""
         inputs = points.to(self.device, self.dtype)
-        self.n_evaluations += len(inputs)
         values = self.sign * (self._one_per_point(self._answer(inputs), len(inputs)) - self.level)
         is_nan = values.detach().isnan()
-        if not stays_on_device(values) and is_nan.any():  # on an accelerator this would be a look: NaN gives NaN
+        if (checked or not stays_on_device(values)) and is_nan.any():
             where = ", ".join(f"{x:.4g}" for x in inputs[is_nan][0].tolist())
             raise InputError(
                 f"{self.name} is NaN at {int(is_nan.sum())} of {len(inputs)} points, the first at ({where}): look for "
@@ -70,6 +141,12 @@ class LevelFunction:
         try:
             return self.f(inputs)
         except (AssertionError, RuntimeError) as error:
+            if _NUMPY in str(error):
+                raise InputError(
+                    f"{self.name} leaves torch (.numpy()), so it has no gradient, which samples and curvature need. "
+                    "Compute with operations of torch; or call .detach().cpu().numpy(): then normals are differences "
+                    "of values, and nothing depends on weights."
+                ) from error
             if isinstance(error, RuntimeError) and _GUARD not in str(error):
                 raise
             raise InputError(
@@ -91,27 +168,6 @@ class LevelFunction:
         if script is not None:
             self.f = torch.jit.load(io.BytesIO(script), map_location=self.device)
 
-    def without_graph(self, points: Tensor) -> Tensor:
-        """Values (N,), detached."""
-        with torch.no_grad():
-            return self(points)
-
-    @full_precision
-    def value_and_gradient(self, points: Tensor, create_graph: bool = False) -> tuple[Tensor, Tensor]:
-        """Values (N,) and spatial gradients (N, 3); detached unless `create_graph`.
-
-        The gradient is zero where f does not depend on the points through torch.
-        """
-        with torch.enable_grad():
-            at = points if create_graph and points.requires_grad else points.detach().requires_grad_(True)
-            values = self(at)
-            gradient = None
-            if values.requires_grad:
-                gradient = torch.autograd.grad(values.sum(), at, create_graph=create_graph, allow_unused=True)[0]
-        if gradient is None:
-            gradient = torch.zeros_like(points)
-        return (values, gradient) if create_graph else (values.detach(), gradient)
-
     @full_precision
     def _dtype_and_device(self, probe: Tensor) -> tuple[torch.dtype, torch.device]:
         """Those of f's weights, else the first that it accepts."""
@@ -120,15 +176,7 @@ class LevelFunction:
             try:
                 with torch.no_grad():
                     answer = self.f(probe.to(device, dtype))
-            except (
-                RuntimeError,
-                TypeError,
-                ValueError,
-                IndexError,
-                AttributeError,
-                AssertionError,
-                NameError,
-            ) as error:
+            except _OF_CALLS as error:
                 said = " ".join(str(error).split())[:200]
                 tried.append(f"{dtype} on {device}: {type(error).__name__}: {said}")
                 continue
@@ -141,7 +189,8 @@ class LevelFunction:
 
     def _one_per_point(self, answer: object, n_points: int) -> Tensor:
         if not isinstance(answer, Tensor):
-            raise InputError(f"{self.name} returns {type(answer).__name__}; expected a tensor (N,) or (N, 1).")
+            wrap = " Wrap it: lambda x: torch.as_tensor(f(x))." if hasattr(answer, "__array__") else ""
+            raise InputError(f"{self.name} returns {type(answer).__name__}; expected a tensor (N,) or (N, 1).{wrap}")
         if tuple(answer.shape) not in ((n_points,), (n_points, 1)):
             raise InputError(
                 f"{self.name} maps points ({n_points}, 3) to shape {tuple(answer.shape)}; expected ({n_points},) or "
@@ -149,6 +198,11 @@ class LevelFunction:
             )
         answer = answer.reshape(n_points)
         return answer if answer.is_floating_point() else answer.to(torch.get_default_dtype())
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Whether a call failed for want of memory, which fewer points may need less of."""
+    return isinstance(error, MemoryError | torch.OutOfMemoryError) or any(said in str(error) for said in _NO_MEMORY)
 
 
 def uncompiled() -> AbstractContextManager[object]:
@@ -163,9 +217,12 @@ def _candidates(f: Function) -> list[tuple[torch.dtype, torch.device]]:
         for tensor in (*f.parameters(), *f.buffers()):
             if tensor.is_floating_point():
                 return [(tensor.dtype, tensor.device)]
-    devices = [torch.device("cpu")] + ([torch.device("cuda")] if torch.cuda.is_available() else [])
+    n_cuda = torch.cuda.device_count()
+    devices = ["cpu", *(["cuda"] if n_cuda else []), *(f"cuda:{n}" for n in range(n_cuda))]  # the current one first
     return [
-        (dtype, device) for device in devices for dtype in (torch.get_default_dtype(), torch.float32, torch.float64)
+        (dtype, torch.device(device))
+        for device in devices
+        for dtype in (torch.get_default_dtype(), torch.float32, torch.float64)
     ]
 
 
@@ -205,4 +262,4 @@ class FunctionField(Field):
 
     def _at(self, index: Tensor) -> Tensor:
         index = index.cpu() if self.device.type == "mps" else index  # positions are float64, which it lacks
-        return torch.cat([self.function(self.grid.positions(rows)) for rows in index.split(_CHUNK)])
+        return torch.cat([self.function(self.grid.positions(rows)) for rows in index.split(BATCH_SIZE)])

@@ -15,7 +15,13 @@ from topokit.core.grid.components import grid_surfaces
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
-from topokit.core.implicit.adaptive_grid import AdaptiveField, Progress, dense_field, refine_grid
+from topokit.core.implicit.adaptive_grid import (
+    AdaptiveField,
+    Progress,
+    dense_field,
+    refine_grid,
+    refined_everywhere,
+)
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
 from topokit.core.implicit.level_set import (
@@ -25,6 +31,7 @@ from topokit.core.implicit.level_set import (
     outward_normals,
     project,
 )
+from topokit.core.implicit.unseen import carries_distance
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
@@ -34,6 +41,7 @@ from topokit.report.report import CountedAnswer
 Bounds = tuple[Corner, Corner]
 COARSEST = 64  # cells of the grid that is evaluated at every vertex
 _MOST_CELLS = 512  # along the longest side of a grid that is held in memory
+_BELOW_ZERO = -0.1  # values of a network that was fitted to 0 and 1 may ripple as far as that
 _DRAWS = 4  # at most, of samples where projection has failed
 
 
@@ -90,7 +98,9 @@ class ImplicitSurface:
     def _projected_points(self) -> tuple[Tensor, Tensor]:
         """Points on the zero set, and the grid's normals there; points whose projection fails are drawn again."""
         with progress_bar(self.function.name, 2 * COARSEST) as progress:
-            field = refine_grid(self._coarsest_field(progress), self.function.without_graph, progress).field
+            field = self._coarsest_field(progress)
+            if field.grid.n_cells < 2 * COARSEST:
+                field = refine_grid(field, self.function.without_graph, progress).field
         generator = torch.Generator().manual_seed(self.seed)
         kept: list[tuple[Tensor, Tensor]] = []
         missing = self.n_samples
@@ -133,7 +143,8 @@ class ImplicitSurface:
             study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress, self.blocks)
         self._n_cells = study.shown.n_cells
         components = self._components(study)
-        return function_answer(study, components, *self.bounds, time.perf_counter() - started)
+        has_distance = carries_distance(coarsest.values)
+        return function_answer(study, has_distance, components, *self.bounds, time.perf_counter() - started)
 
     def _components(self, study: ConvergenceStudy) -> CountedComponents:
         """The closed surfaces on the grid that shows the answer."""
@@ -166,10 +177,13 @@ class ImplicitSurface:
         return level_surface(field.values, field.grid, DEFAULT_CONNECTIVITY, locate)
 
     def _coarsest_field(self, progress: Progress) -> AdaptiveField:
-        """The field on the coarsest grid, evaluated at every vertex, once."""
+        """The field on the coarsest grid, evaluated at every vertex, once: a finer one for steep occupancies."""
         if self._coarsest is None:
-            field = dense_field(self.function.without_graph, Grid.covering(*self.bounds, COARSEST), progress)
+            grid = Grid.covering(*self.bounds, COARSEST // 2).refined()  # an even number of cells along each axis
+            field = dense_field(self.function.without_graph, grid, progress)
             _check_signs(field.values, self.function, self.bounds)
+            if not carries_distance(field.values):
+                field = refined_everywhere(field, self.function.without_graph, progress)
             self._coarsest = field
         return self._coarsest
 
@@ -193,6 +207,12 @@ def _check_signs(values: Tensor, function: LevelFunction, bounds: Bounds) -> Non
         )
     border = torch.ones_like(inside)
     border[1:-1, 1:-1, 1:-1] = False
+    mostly_inside = float(inside[border].float().mean()) > 0.5
+    if function.is_probability and len(finite) and float(finite.min()) < (0 if mostly_inside else _BELOW_ZERO):
+        raise InputError(
+            f"the values of {function.name} go from {least} to {most} in {box}, so they are no probabilities. Use "
+            "from_sdf for a signed distance, logits=True for log-odds, or give the level of what else they are."
+        )
     if inside[border].all():
         side, other = ("below", "from_occupancy") if function.sign < 0 else ("above", "from_sdf")
         raise InputError(

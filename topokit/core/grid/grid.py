@@ -84,6 +84,12 @@ class Grid:
         dx, dy, dz = self.spacing
         return Grid((2 * x - 1, 2 * y - 1, 2 * z - 1), (dx / 2, dy / 2, dz / 2), self.origin)
 
+    def coarsened(self) -> Grid:
+        """The grid of twice the step on the same box; along each axis the number of cells must be even."""
+        x, y, z = self.shape
+        dx, dy, dz = self.spacing
+        return Grid((x // 2 + 1, y // 2 + 1, z // 2 + 1), (2 * dx, 2 * dy, 2 * dz), self.origin)
+
     def contains(self, points: Tensor, margin_cells: float = 0.0) -> bool:
         """Whether all points (N, 3) lie in the grid's box, farther than `margin_cells` steps from its border."""
         steps = (points.detach() - points.new_tensor(self.origin)) / points.new_tensor(self.spacing)

@@ -51,6 +51,11 @@ class AdaptiveField:
         (x, _), (y, _), (z, _) = box
         return AdaptiveField(self.grid, self.values[own], self.known[own], 0, (x, y, z))
 
+    def halved(self) -> AdaptiveField:
+        """Every second vertex along each axis, of a whole grid with an even number of cells; nothing is evaluated."""
+        grid = self.grid.coarsened()
+        return AdaptiveField(grid, self.values[::2, ::2, ::2], self.known[::2, ::2, ::2], 0)
+
     def flat_on_grid(self, index: Tensor) -> Tensor:
         """Flat indices on the grid (N,) of values given by their own flat indices (N,)."""
         _, m_y, m_z = self.grid.shape
@@ -97,6 +102,16 @@ def dense_field(evaluate: Evaluate, grid: Grid, progress: Progress = no_progress
     values = _evaluate_at(grid, evaluate, torch.arange(grid.n_vertices), torch.get_default_dtype(), progress)
     known = torch.ones(grid.shape, dtype=torch.bool)
     return AdaptiveField(grid, values.reshape(grid.shape), known, grid.n_vertices)
+
+
+def refined_everywhere(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> AdaptiveField:
+    """The field at every vertex of the grid of half the step; arguments as for `refine_grid`."""
+    n_x, n_y, n_z = field.grid.refined().shape
+    fine, _ = _upsample(field, ((0, n_x), (0, n_y), (0, n_z)))
+    index = (~fine.known).reshape(-1).nonzero()[:, 0]
+    fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, index, fine.values.dtype, progress)
+    fine.known.fill_(True)
+    return replace(fine, n_evaluations=field.n_evaluations + len(index))
 
 
 def refine_grid(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> Refined:
@@ -204,7 +219,7 @@ def _upsample(field: AdaptiveField, box: Box) -> tuple[AdaptiveField, Tensor]:
     seeds = torch.zeros_like(known)
     if near.any():
         in_box = tuple(slice(a, a + n) for a, n in zip(offsets, values.shape, strict=True))
-        seeds = _vertices_of_cells(_dilate(near))[in_box]
+        seeds = _vertices_of_cells(dilate(near))[in_box]
     (x, _), (y, _), (z, _) = box
     return AdaptiveField(field.grid.refined(), values, known, 0, (x, y, z)), seeds
 
@@ -219,11 +234,16 @@ def over_cells(values: Tensor, extreme: Callable[[Tensor, Tensor], Tensor]) -> T
 
 def _near_cells(values: Tensor) -> Tensor:
     lowest, highest = over_cells(values, torch.minimum), over_cells(values, torch.maximum)
+    return is_near(lowest, highest)
+
+
+def is_near(lowest: Tensor, highest: Tensor) -> Tensor:
+    """Whether cells with these extreme values at their corners are near the zero set."""
     reach = _NEAR * (highest - lowest)
     return (lowest <= reach) & (-highest <= reach)
 
 
-def _dilate(mask: Tensor) -> Tensor:
+def dilate(mask: Tensor) -> Tensor:
     """The mask and the 26 neighbors of its True entries."""
     for axis in range(3):
         wider = mask.clone()
@@ -261,4 +281,4 @@ def _vertices_around_changes(some: Tensor, every: Tensor) -> Tensor:
     for x, y, z in product((0, 1), repeat=3):
         n_x, n_y, n_z = changes.shape
         vertices[x : n_x + x, y : n_y + y, z : n_z + z] |= changes
-    return _dilate(vertices)
+    return dilate(vertices)

@@ -92,6 +92,7 @@ class _Work:
 
     known: Refinements
     window: float
+    is_last: bool
 
     def __call__(self, task: _Task) -> BoxCounts:
         shape = self.known.grid.refined().shape
@@ -99,7 +100,7 @@ class _Work:
         refined = refine_in_box(self.known.base, _wider(task.box, shape), self.known.evaluate, followed, self.window)
         if isinstance(refined, bool):
             return count_quiet_box(refined, task.box, shape, self.known.base.values.dtype)
-        return count_box(refined, task.box, self.window)
+        return count_box(refined, task.box, self.window, finds_lone=self.is_last)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +129,11 @@ class GridInBoxes:
         return eulers_at(self.boxes, 0.0)
 
     @property
+    def lone(self) -> Tensor:
+        """Lone vertices of all boxes (see `unseen.lone_vertices`), ascending."""
+        return torch.cat([one.lone for one in self.boxes]).unique()
+
+    @property
     def reached_faces(self) -> ReachedFaces:
         """For each axis, whether the solid reaches the first and the last layer of the grid."""
         ends = zip(*(one.reached_faces for one in self.boxes), strict=True)
@@ -140,6 +146,7 @@ def next_grid(
     expected: float,
     largest_shift: float,
     progress: Progress = no_progress,
+    is_last: bool = False,
 ) -> GridInBoxes:
     """The grid of half the step of the finest one, evaluated box by box.
 
@@ -149,11 +156,12 @@ def next_grid(
         expected: the change along edges that cross the zero set, at most; with more than that all is done again.
         largest_shift: the largest |shift| that `eulers_at_shifts` will be asked for; 0 for none.
         progress: told how many boxes are done.
+        is_last: whether to find lone vertices, too.
     """
     grid, n_evaluations = known.grid.refined(), 0
     while True:
         window = _SPARE * largest_shift * expected
-        found, n_more = _all_boxes(_Work(known, window), grid, blocks, progress)
+        found, n_more = _all_boxes(_Work(known, window, is_last), grid, blocks, progress)
         n_evaluations += n_more
         change = median_change(found)
         if change is None or change <= expected or not largest_shift:
@@ -185,8 +193,8 @@ def _all_boxes(work: _Work, grid: Grid, blocks: Blocks, progress: Progress) -> t
 
 
 def _wider(box: Box, shape: tuple[int, int, int]) -> Box:
-    """The box and the vertices that it needs around it to follow the zero set, and two boxes to agree on it."""
-    x, y, z = ((max(0, a - 2), min(n, b + 2)) for (a, b), n in zip(box, shape, strict=True))
+    """The box and the vertices that it needs around it: two to follow the zero set, three to find lone vertices."""
+    x, y, z = ((max(0, a - 3), min(n, b + 3)) for (a, b), n in zip(box, shape, strict=True))
     return x, y, z
 
 

@@ -18,6 +18,7 @@ from torch.nn.functional import pad
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.grid.euler import at_least_single, critical_index
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Refined, over_cells
+from topokit.core.implicit.unseen import lone_vertices
 
 ReachedFaces = tuple[tuple[bool, bool], ...]
 
@@ -36,6 +37,7 @@ class BoxCounts:
         critical: (M,) values within the window at vertices where the index does not vanish.
         index_26, index_6: (M,) indices there, with either connectivity.
         reached_faces: for each axis, whether the solid is in the first and in the last layer of the grid.
+        lone: flat indices on the grid, see `unseen.lone_vertices`; none unless they are asked for.
         followed: see `adaptive_grid.Refined`.
         n_evaluations: points at which the field was evaluated.
     """
@@ -47,6 +49,7 @@ class BoxCounts:
     index_26: Tensor
     index_6: Tensor
     reached_faces: ReachedFaces
+    lone: Tensor
     followed: Tensor
     n_evaluations: int
 
@@ -71,16 +74,18 @@ def count_quiet_box(is_inside: bool, box: Box, shape: tuple[int, int, int], dtyp
         codes = _codes(pad(inside, (low_z, high_z, low_y, high_y, low_x, high_x)))
     reached = tuple((bool(is_inside and low), bool(is_inside and high)) for low, high in ends)
     no_values = torch.zeros(0, dtype=dtype)
-    return BoxCounts(codes, NONE, NONE, no_values, NONE, NONE, reached, NONE, 0)
+    return BoxCounts(codes, NONE, NONE, no_values, NONE, NONE, reached, NONE, NONE, 0)
 
 
-def count_box(refined: Refined, box: Box, window: float) -> BoxCounts:
+def count_box(refined: Refined, box: Box, window: float, finds_lone: bool = False) -> BoxCounts:
     """The numbers of a box of a field.
 
     Args:
-        refined: the field in a box that has one more vertex on all sides where the grid has one.
+        refined: the field in a box that has one more vertex on all sides where the grid has one; three more to find
+            lone vertices.
         box: of the grid.
         window: values up to this distance from 0 are looked at for critical ones.
+        finds_lone: whether to find lone vertices.
     """
     field, shape = refined.field, refined.field.grid.shape
     values = _with_neighbors(field, box, shape)
@@ -95,7 +100,16 @@ def count_box(refined: Refined, box: Box, window: float) -> BoxCounts:
         for axis, ((a, b), n) in enumerate(zip(box, shape, strict=True))
     )
     return BoxCounts(
-        _codes(inside), bins, bin_counts, critical, index_26, index_6, reached, refined.followed, field.n_evaluations
+        codes=_codes(inside),
+        bins=bins,
+        bin_counts=bin_counts,
+        critical=critical,
+        index_26=index_26,
+        index_6=index_6,
+        reached_faces=reached,
+        lone=lone_vertices(field, box) if finds_lone else NONE,
+        followed=refined.followed,
+        n_evaluations=field.n_evaluations,
     )
 
 

@@ -12,9 +12,10 @@ from torch import Tensor
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import median_step_at_crossings
 from topokit.core.grid.grid import Grid
-from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, Progress, no_progress, refine_grid
+from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, Progress, no_progress, refine_grid
 from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
 from topokit.core.implicit.box_counts import ReachedFaces, rounded, value_of
+from topokit.core.implicit.unseen import count_unseen, lone_vertices
 
 
 @dataclass(frozen=True)
@@ -47,12 +48,15 @@ class ConvergenceStudy:
     """χ on grids of growing resolution.
 
     Attributes:
-        counts: one per grid, coarsest first.
+        counts: one per grid, coarsest first, at least three.
+        first_step: the largest step of the grid that was evaluated at every vertex, in units of length.
         euler: the integer that occurs most often in either connectivity, the coarsest grid left out; of several
             the one on the finest grid.
         has_converged: whether the counts agree on that integer, see `convergence_study`.
         shifted_eulers: χ on the last two grids with the level shifted up and down by a twentieth and a tenth of the
             field's typical change over one of their cells.
+        n_unseen: places on the last grid where no sign changes, but the field reaches its level between the vertices,
+            or comes within a tenth of its change over a cell.
         reached_faces: for each axis, whether the solid reaches the lower and the upper face of the box.
         shown: the coarsest grid that shows `euler` in both connectivities, of all if the counts agree, else of those
             that are kept; or the finest that is kept.
@@ -63,9 +67,11 @@ class ConvergenceStudy:
     """
 
     counts: tuple[GridCount, ...]
+    first_step: float
     euler: int
     has_converged: bool
     shifted_eulers: tuple[int, ...]
+    n_unseen: int
     reached_faces: ReachedFaces
     shown: Grid
     field: AdaptiveField | None
@@ -81,15 +87,26 @@ _SHIFTS = (-0.1, -0.05, 0.05, 0.1)  # of the level, as shares of the field's cha
 
 @dataclass(frozen=True, eq=False)
 class _Counted:
-    """What is found on one grid; the field is None where it was evaluated box by box."""
+    """What is found on one grid; the field is None where it was evaluated box by box.
+
+    Attributes:
+        change: the field's typical change over a cell where it crosses the level.
+        lone: of the last grid, see `unseen.lone_vertices`.
+    """
 
     grid: Grid
     eulers: tuple[int, int]
     shifted: Sequence[int]
+    change: float
+    lone: Tensor
     reached_faces: ReachedFaces
     n_evaluations: int
     known: Refinements
     field: AdaptiveField | None
+
+    @property
+    def count(self) -> GridCount:
+        return GridCount(self.grid.n_cells, self.grid.step, *self.eulers)
 
 
 def convergence_study(
@@ -102,14 +119,15 @@ def convergence_study(
 ) -> ConvergenceStudy:
     """Count χ on a grid and on grids of twice, four times, ... the cells.
 
-    The count has converged when both connectivities agree on one integer on the last three grids (or on all of them,
-    where there are only two), no coarser grid agreed on a different integer, and shifting the level by a twentieth or a
+    At least three grids are counted: where the first and the finest leave room for fewer, those of every second vertex
+    of the first come before. The count has converged when both connectivities agree on one integer on the last three
+    grids, no coarser grid agreed on a different integer, and shifting the level by a twentieth or a
     tenth of the field's change over one cell changes nothing on the last two grids. Two agreeing grids alone are not
     enough: see docs/paper-shapes.md for trained networks whose topology depends on the grid. Still no grid proves
     anything about what lies between its points.
 
     Args:
-        coarsest: the field on the coarsest grid.
+        coarsest: the field at every vertex of the first grid, with an even number of cells along each axis.
         evaluate: the field, as for `refine_grid`.
         finest: no grid gets more cells than this along its longest axis.
         progress: told how many points of each grid are evaluated.
@@ -118,25 +136,28 @@ def convergence_study(
             which ones are changes no count.
     """
     found = list(_grids(coarsest, evaluate, finest, progress, blocks, kept_cells or _KEPT_CELLS))
-    counts = [GridCount(one.grid.n_cells, one.grid.step, *one.eulers) for one in found]
+    counts = [*_coarser_counts(coarsest, _SUCCESSIVE - len(found)), *(one.count for one in found)]
     shifted = [euler for one in found for euler in one.shifted]
     euler = _most_frequent(counts)
     last = counts[-_SUCCESSIVE:]
     agreed = {count.euler_26 for count in counts if count.agrees}
-    converged = len(last) > 1 and all(count.agrees for count in last) and agreed == {euler} == set(shifted)
+    converged = all(count.agrees for count in last) and agreed == {euler} == set(shifted)
+    n_unseen, n_looks = count_unseen(evaluate, found[-1].grid, found[-1].lone, _SHIFTS[-1] * found[-1].change)
     kept = [one for one in found if one.field is not None]
     showing = [one for one in (found if converged else kept) if one.eulers == (euler, euler)]
     shown = showing[0] if showing else kept[-1]
     return ConvergenceStudy(
         counts=tuple(counts),
+        first_step=coarsest.grid.step,
         euler=euler,
         has_converged=converged,
         shifted_eulers=tuple(shifted),
+        n_unseen=n_unseen,
         reached_faces=found[-1].reached_faces,
         shown=shown.grid,
         field=shown.field,
         known=shown.known,
-        n_evaluations=sum(one.n_evaluations for one in found),
+        n_evaluations=sum(one.n_evaluations for one in found) + n_looks,
         n_vertices=found[-1].grid.n_vertices,
     )
 
@@ -156,10 +177,13 @@ def _grids(
     """What is found on each grid, coarsest first."""
     known, n_before = Refinements(field, evaluate), 0
     while True:
-        shifted = _eulers_at_shifted_levels(field) if field.grid.n_cells > finest // 4 else []  # on the last two
+        change, n_cells = _change_over_a_cell(field.values), field.grid.n_cells
+        shifted = _eulers_at_shifted_levels(field, change) if n_cells > finest // 4 else []  # on the last two
+        x, y, z = field.values.shape
+        lone = lone_vertices(field, ((0, x), (0, y), (0, z))) if n_cells > finest // 2 else NONE
         n_own = field.n_evaluations - n_before
         eulers = _eulers_26_and_6(field, 0.0)
-        yield _Counted(field.grid, eulers, shifted, reached_faces(field.values), n_own, known, field)
+        yield _Counted(field.grid, eulers, shifted, change, lone, reached_faces(field.values), n_own, known, field)
         if 2 * field.grid.n_cells > finest:
             return
         if 2 * field.grid.n_cells > kept_cells:
@@ -169,7 +193,7 @@ def _grids(
         known = replace(known, followed=(*known.followed, followed))
     if blocks.client is None:  # nothing is sent, so boxes may begin with the finest grid
         known = Refinements(field, evaluate)
-    yield from _grids_in_boxes(known, _change_over_a_cell(field.values), finest, progress, blocks)
+    yield from _grids_in_boxes(known, change, finest, progress, blocks)
 
 
 def _grids_in_boxes(
@@ -178,14 +202,25 @@ def _grids_in_boxes(
     """What is found on each grid after the finest known one, given the field's typical change over a cell of that."""
     while 2 * known.grid.n_cells <= finest:
         shifts = _SHIFTS if 2 * known.grid.n_cells > finest // 4 else ()
-        found = next_grid(known, blocks, change, max(shifts, default=0.0), progress)
+        is_last = 4 * known.grid.n_cells > finest
+        found = next_grid(known, blocks, change, max(shifts, default=0.0), progress, is_last)
         known, change = found.known, change if found.change is None else found.change
         shifted = found.eulers_at_shifts(shifts)
-        yield _Counted(known.grid, found.eulers, shifted, found.reached_faces, found.n_evaluations, known, None)
+        yield _Counted(
+            known.grid, found.eulers, shifted, change, found.lone, found.reached_faces, found.n_evaluations, known, None
+        )
 
 
-def _eulers_at_shifted_levels(field: AdaptiveField) -> list[int]:
-    change = _change_over_a_cell(field.values)
+def _coarser_counts(field: AdaptiveField, n_grids: int) -> list[GridCount]:
+    """χ on the grids of every second, fourth, ... vertex, coarsest first."""
+    counts: list[GridCount] = []
+    for _ in range(n_grids):
+        field = field.halved()
+        counts.insert(0, GridCount(field.grid.n_cells, field.grid.step, *_eulers_26_and_6(field, 0.0)))
+    return counts
+
+
+def _eulers_at_shifted_levels(field: AdaptiveField, change: float) -> list[int]:
     return [euler for shift in _SHIFTS for euler in _eulers_26_and_6(field, shift * change)]
 
 

@@ -31,9 +31,10 @@ FLOORS = [
 CORE_FLOORS = [
     {"samples", "neighbors", "kd_tree", "linalg", "chunks"}
     | {"components", "labels", "draws", "processors", "threads", "surface", "loops", "stages"}
-    | {"device_neighbors", "jacobi", "kd_order", "residence", "selection"},
+    | {"device_neighbors", "jacobi", "kd_order", "precision", "residence", "selection"},
     {"local", "grid"},
-    {"cloud", "mesh", "homotopy", "blocks"},
+    {"blocks"},
+    {"cloud", "mesh", "homotopy"},
     {"implicit"},
     {"handles"},
 ]

@@ -69,7 +69,6 @@ def test_a_task_that_kills_workers_costs_one_result(dask_client: Any) -> None:
 def test_a_large_volume_is_counted_by_all_workers(
     dask_client: Any, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("numba", reason="counting block by block needs numba")
     np.save(folder / "volume.npy", np.random.default_rng(0).random((20, 30, 40)) < 0.3)
     expected = tk.survey(folder).rows
     monkeypatch.setattr("topokit.adapters.voxels.large.MOST_IN_MEMORY", 1000)

@@ -164,7 +164,6 @@ def test_without_fsspec_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
 
 def test_zarr_is_read_where_it_is(memory: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     zarr = pytest.importorskip("zarr")
-    pytest.importorskip("numba")
     values = np.ones((20, 20, 20), np.uint8)
     values[:, 8:12, 8:12] = 0
     zarr.create_array("memory://topokit/volume.zarr", data=values, chunks=(10, 10, 10))

@@ -10,7 +10,7 @@ import pytest
 import torch
 from analytic_fields import ball, block, grid, torus, union
 
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.field import GridField
 from topokit.losses import guard as module
 from topokit.losses.component_guard import ComponentGuard

@@ -12,7 +12,7 @@ from analytic_fields import ball, grid, torus, union
 from torch import Tensor
 
 import topokit as tk
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import smoothed_euler
 from topokit.core.grid.field import default_tau
 from topokit.errors import InputError

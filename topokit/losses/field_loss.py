@@ -9,8 +9,10 @@ from typing import Literal
 
 from torch import Tensor, nn
 
-from topokit.core.grid.components import betti_by_component, betti_numbers
+from topokit.core.blocks.whole import count_solid
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.field import Field
+from topokit.core.grid.grid import Grid
 from topokit.core.homotopy.nearest_solid import Betti
 from topokit.losses.checks import check_choice
 from topokit.losses.source import FieldSource, Source
@@ -44,8 +46,9 @@ class CountedSolid:
     @cached_property
     def by_component(self) -> tuple[Betti, ...]:
         """The same for each of its components, the largest component first."""
-        rows = betti_by_component(self.values, 0.0, self.connectivity).tolist()
-        return tuple((components, tunnels, cavities) for components, tunnels, cavities in rows)
+        x, y, z = self.values.shape
+        counted = count_solid(self.values, lambda part: part > 0, self.connectivity, Grid((x, y, z)))
+        return tuple((components, tunnels, cavities) for components, tunnels, cavities in counted.solid_betti.tolist())
 
     @property
     def euler(self) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topokit.core.grid.components import CountedVolume
+from topokit.core.blocks.whole import CountedVolume
 from topokit.core.grid.euler import dual_connectivity
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import volume_verdict

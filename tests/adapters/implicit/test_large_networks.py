@@ -35,7 +35,6 @@ def thin_link(x: Tensor) -> Tensor:
 
 
 def test_the_surfaces_of_a_grid_that_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("numba", reason="counting block by block needs numba")
     monkeypatch.setattr(convergence, "_KEPT_CELLS", 64)
     shape = tk.from_sdf(thin_link, block_voxels=1 << 20, **{**SIZES, "resolution": 512})
     report = shape.report()
@@ -48,16 +47,6 @@ def test_triangles_of_a_grid_beyond_memory_are_refused(monkeypatch: pytest.Monke
     monkeypatch.setattr(surface, "_MOST_CELLS", 63)
     with pytest.raises(tk.InputError, match="seen only on a grid of 64 cells, and triangles are made on at most 63"):
         tk.from_sdf(Torus(), **{**SIZES, "resolution": 128}).surface()
-
-
-def test_numba_is_missed_before_the_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    modules = __import__("sys").modules
-    for name in [name for name in modules if name.startswith(("topokit.core.blocks.", "topokit.core.implicit.block_"))]:
-        monkeypatch.delitem(modules, name)
-    monkeypatch.setitem(modules, "numba", None)
-    assert tk.from_sdf(Torus(), bounds=BOX, resolution=1024).name == "sdf"
-    with pytest.raises(tk.MissingDependencyError, match="numba"):
-        tk.from_sdf(Torus(), bounds=BOX, resolution=2048)
 
 
 def test_block_sizes_are_checked() -> None:

@@ -15,7 +15,6 @@ import topokit as tk
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box
 
-pytest.importorskip("numba", reason="counting block by block needs numba")
 dask_array = pytest.importorskip("dask.array")
 
 pytestmark = pytest.mark.long  # workers take seconds to start

@@ -16,7 +16,6 @@ from topokit.adapters.voxels import large
 from topokit.adapters.voxels.stored import stored_array
 from topokit.errors import InputError, ReadError
 
-pytest.importorskip("numba", reason="counting block by block needs numba")
 zarr = pytest.importorskip("zarr")
 h5py = pytest.importorskip("h5py")
 dask_array = pytest.importorskip("dask.array")

@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from skimage.measure import euler_number
 
 from topokit.core.grid import euler as grid_euler
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import critical_index, dual_connectivity, smoothed_euler, solid_euler, surface_euler
 from topokit.errors import InputError
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from torch import Tensor
 
-from topokit.core.grid.components import grid_surfaces
+from topokit.core.blocks.whole import count_solid
 from topokit.core.grid.cube_table import EDGES, cube_triangles
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid
@@ -46,7 +46,7 @@ def test_surfaces_of_random_volumes_have_the_counted_topology(volume: np.ndarray
     assert topology.is_closed
     assert topology.flipped_faces == topology.inward_components == 0
     assert topology.euler == int(surface_euler(inside, 0, connectivity))
-    walls = grid_surfaces(inside, connectivity, Grid(tuple(inside.shape)))
+    walls = count_solid(inside, lambda part: part, connectivity, Grid(tuple(inside.shape))).surfaces
     assert sorted(topology.components.euler) == sorted(walls.euler)
 
 

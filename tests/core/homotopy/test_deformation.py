@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.homotopy.deformation import deform
 from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
 from topokit.errors import InputError

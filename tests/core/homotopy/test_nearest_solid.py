@@ -10,7 +10,7 @@ import torch
 from analytic_fields import ball, block, grid, meshed_topology, rod, torus, union, without
 from scipy.ndimage import gaussian_filter
 
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.homotopy import nearest_solid as module
 from topokit.core.homotopy.nearest_solid import cost, nearest_solid
 

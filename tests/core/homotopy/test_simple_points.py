@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import generate_binary_structure, label
 from skimage.measure import euler_number
 
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.homotopy.simple_points import OFFSETS, PaddedSolid, count_touching, is_simple
 from topokit.errors import InputError
 

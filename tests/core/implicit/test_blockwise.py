@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from topokit.core.blocks.division import Division
-from topokit.core.grid.components import grid_surfaces
+from topokit.core.blocks.whole import count_solid
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit import blockwise
 from topokit.core.implicit.adaptive_grid import AdaptiveField, dense_field, refine_grid, refine_in_box
@@ -71,7 +71,6 @@ def coarsest(f: Function) -> AdaptiveField | None:
 
 def assert_equal_surfaces(f: Function, study: ConvergenceStudy, blocks: Blocks) -> None:
     """The surfaces of the grid that is shown, counted in boxes and as a whole."""
-    pytest.importorskip("numba", reason="counting block by block needs numba")
     from topokit.core.implicit.block_components import components_in_blocks
 
     whole = study.known.base
@@ -79,7 +78,7 @@ def assert_equal_surfaces(f: Function, study: ConvergenceStudy, blocks: Blocks) 
         whole = refine_grid(whole, f).field
     for connectivity in (6, 26):
         found = components_in_blocks(study.known, connectivity, blocks)
-        expected = grid_surfaces(whole.values > 0, connectivity, whole.grid)
+        expected = count_solid(whole.values, lambda values: values > 0, connectivity, whole.grid).surfaces
         for one in fields(expected):
             assert np.array_equal(getattr(found, one.name), getattr(expected, one.name)), one.name
 

@@ -34,7 +34,6 @@ _EXPECTED_BOUNDS = "((x0, y0, z0), (x1, y1, z1)), or (lowest, highest) for a cub
 _EVEN = 0.5  # the level of occupancies: probabilities, where nothing else is given
 _SEARCH_CELLS = 32  # of the grids on which bounds are searched
 _DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
-_NEEDS_NUMBA = 2048  # cells of the first grid of which a settled count may be shown on a grid that is not kept
 _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes are recognized
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
@@ -78,7 +77,7 @@ def from_sdf(
             [−1, 1]³, doubled up to six times while the surface touches it; if that does not help, [−1, 1]³.
         level: value of f on the surface.
         resolution: cells along the longest side of the finest grid of `report()`, at least 128; each doubling costs
-            about four times as many evaluations. 2048 and more need numba.
+            about four times as many evaluations.
         n_samples: number of samples.
         field_resolution: cells along the longest side of the field's own grid, which is evaluated everywhere.
         starts: (N, 3) points near the surface, such as the samples of the last training step. They become the samples,
@@ -95,7 +94,6 @@ def from_sdf(
 
     Raises:
         ReadError: if a file is missing, malformed, or a pickle.
-        MissingDependencyError: if numba is needed and not installed.
         InputError: if f returns the wrong shape or NaN, has no level set in the box, or has the sign of an occupancy;
             or if the box, the level, a resolution or n_samples is not usable.
 
@@ -202,8 +200,6 @@ class _Settings:
                 f"resolution is {self.resolution}; it must be at least {2 * COARSEST}, as the first grid of "
                 f"{COARSEST} cells is needed in any case and an answer counts only if finer grids repeat it."
             )
-        if self.resolution >= _NEEDS_NUMBA:
-            import topokit.core.implicit.block_components  # noqa: F401  (says now if numba is missing, not at the end)
         if self.field_resolution < 8:
             raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")
         if not 1 <= self.batch_size <= BATCH_SIZE:

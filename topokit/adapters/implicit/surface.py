@@ -10,8 +10,8 @@ from torch import Tensor
 
 from topokit.adapters.implicit.function import LevelFunction, uncompiled
 from topokit.adapters.implicit.progress import progress_bar
+from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner, CountedComponents
-from topokit.core.grid.components import grid_surfaces
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
@@ -22,6 +22,7 @@ from topokit.core.implicit.adaptive_grid import (
     refine_grid,
     refined_everywhere,
 )
+from topokit.core.implicit.block_components import components_in_blocks
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
 from topokit.core.implicit.level_set import (
@@ -149,9 +150,8 @@ class ImplicitSurface:
     def _components(self, study: ConvergenceStudy) -> CountedComponents:
         """The closed surfaces on the grid that shows the answer."""
         if study.field is not None:
-            return grid_surfaces(study.field.values > 0, DEFAULT_CONNECTIVITY, study.shown)
-        from topokit.core.implicit.block_components import components_in_blocks  # imports numba
-
+            values = study.field.values
+            return count_solid(values, lambda part: part > 0, DEFAULT_CONNECTIVITY, study.shown).surfaces
         return components_in_blocks(study.known, DEFAULT_CONNECTIVITY, self.blocks)
 
     def triangles(self) -> TriangleSurface:

@@ -21,9 +21,9 @@ from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.samples import volume_samples
 from topokit.adapters.voxels.stored import not_a_volume
 from topokit.adapters.voxels.stored_files import stored_volume
+from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.grid.components import counted_in_memory
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.local.neighborhood_size import given_or_default
@@ -136,7 +136,7 @@ def from_voxels(
 
 def _count(field: VoxelField) -> CountedAnswer:
     started = time.perf_counter()
-    counted = counted_in_memory(field.inside(), field.connectivity, field.grid)
+    counted = count_solid(field.volume, field.is_inside, field.connectivity, field.grid)
     return volume_answer(counted, field.connectivity, time.perf_counter() - started)
 
 

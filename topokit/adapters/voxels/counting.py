@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from topokit.adapters.voxels.field import Labels, listed
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box, Division
-from topokit.core.blocks.part import Part, background_around, count_part, join_parts
+from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
@@ -71,19 +71,17 @@ class Solid:
     labels: Labels
     connectivity: int
 
-    def mark(self, values: NDArray[Any], inside: NDArray[np.bool_]) -> frozenset[float]:
-        """Write which voxels are inside; returns the labels that there are."""
+    def mark(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], frozenset[float]]:
+        """Which voxels are inside, and the labels that there are."""
         if not self.labels:
-            np.greater(values, self.level or 0, out=inside)
-            return frozenset()
-        present = set()
-        inside[:] = False
+            return values > (self.level or 0), frozenset()
+        present, inside = set(), np.zeros(values.shape, bool)
         for label in self.labels:
             has_label = values == label
             if has_label.any():
                 present.add(label)
                 inside |= has_label
-        return frozenset(present)
+        return inside, frozenset(present)
 
     def check(self, seen: Seen, is_empty: bool) -> tuple[str, ...]:
         """Sentences for the report about the values of the whole volume.
@@ -129,14 +127,9 @@ class BlockCount:
             block: where it is in the volume.
         """
         values = np.asarray(source() if callable(source) else source)
-        is_dual = self.solid.connectivity == 26
-        marked = background_around(block, self.shape, self.solid.connectivity)
-        labels = self.solid.mark(values, marked.inner)
-        if is_dual:
-            np.logical_not(marked.inner, out=marked.inner)
-        part = count_part(marked.is_six, marked.place, marked.shape)
-        is_empty = bool((part.is_six == is_dual).all())
-        return Found(part, self._seen(values, is_empty)._replace(labels=labels))
+        inside, labels = self.solid.mark(values)
+        part = count_box(inside, block, self.shape, self.solid.connectivity)
+        return Found(part, self._seen(values, is_empty=not inside.any())._replace(labels=labels))
 
     def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
         n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0

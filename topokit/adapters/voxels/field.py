@@ -36,13 +36,9 @@ class VoxelField(Field):
         """See `Field.device`."""
         return self.volume.device
 
-    def inside(self) -> Tensor:
-        """(X, Y, Z) bool."""
-        return self._is_inside(self.volume)
-
     def has_inside(self) -> bool:
         """Whether the solid has a voxel; handles a few layers at a time."""
-        return any(bool(self._is_inside(part).any()) for part in self.volume.split(SLAB))
+        return any(bool(self.is_inside(part).any()) for part in self.volume.split(SLAB))
 
     def values(self) -> Tensor:
         """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
@@ -57,20 +53,21 @@ class VoxelField(Field):
         """See `Field.exact_euler`; counted on the volume as it is, without a copy in floating point."""
         connectivity = connectivity or self.connectivity
         if self.labels:
-            return surface_euler(self.inside(), 0, connectivity)
+            return surface_euler(self.is_inside(self.volume), 0, connectivity)
         return surface_euler(self.volume.detach(), self.level, connectivity)
 
     def surface(self) -> TriangleSurface:
         """The closed surface as triangles, in the field's own connectivity."""
         return level_surface(self.detached(), self.grid, self.connectivity)
 
-    def _is_inside(self, voxels: Tensor) -> Tensor:
+    def is_inside(self, voxels: Tensor) -> Tensor:
+        """Which of some voxels of the volume are in the solid, bool of their shape."""
         if not self.labels:
             return voxels.detach() > self.level
         return reduce(torch.logical_or, (voxels == label for label in self.labels))
 
     def _field_of(self, voxels: Tensor) -> Tensor:
         if self.is_binary:
-            return self._is_inside(voxels).to(torch.get_default_dtype()) - 0.5
+            return self.is_inside(voxels).to(torch.get_default_dtype()) - 0.5
         gray = voxels if voxels.is_floating_point() else voxels.to(torch.get_default_dtype())
         return torch.where(gray.isnan(), -torch.inf, gray) - self.level

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from topokit.adapters.voxels.counting import Solid, answer_in_blocks
 from topokit.adapters.voxels.field import Labels, listed
 from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
@@ -23,9 +24,7 @@ from topokit.inputs.remote import is_address
 from topokit.inputs.unpacking import is_temporary
 from topokit.shape import Shape
 
-MOST_IN_MEMORY = (
-    1 << 27
-)  # voxels up to which a stored volume is read as a whole: counting takes 20 to 30 bytes for each
+MOST_IN_MEMORY = 1 << 27  # voxels up to which a stored volume is read as a whole: at most 1 GiB of float64
 
 
 class Blocks(NamedTuple):
@@ -109,8 +108,6 @@ def shape_in_blocks(
     n_neighbors: int | None,
 ) -> Shape:
     """The shape of a volume whose report is counted block by block; arguments are those of `from_voxels`."""
-    from topokit.adapters.voxels.counting import Solid, answer_in_blocks  # imports numba
-
     volume, grid = blocks.volume, Grid(blocks.volume.shape, spacing, origin)
 
     def refuse() -> Any:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from topokit.core.grid.components import occupied_box
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.filters import gaussian, spline_coefficients
-from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.grid import Grid, Spacing, occupied_box
 from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.grid.splines import GridSampler
 from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, outward_normals, project

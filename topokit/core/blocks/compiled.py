@@ -1,11 +1,11 @@
-"""Loops compiled by numba, which is an optional package."""
+"""Loops compiled by numba."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
-from topokit.errors import MissingDependencyError
+from numba import njit
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -15,16 +15,7 @@ def compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Resul
     """The function as machine code, made when it is first called and kept on disk if possible.
 
     While it runs, other threads of Python go on.
-
-    Raises:
-        MissingDependencyError: if numba is not installed.
     """
-    try:
-        from numba import njit
-    except ImportError as error:
-        raise MissingDependencyError(
-            'Counting a volume block by block needs numba: pip install "topokit[cluster]".'
-        ) from error
     machine_code: Callable[Arguments, Result]
     try:
         machine_code = njit(cache=True, nogil=True)(function)

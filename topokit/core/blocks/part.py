@@ -111,36 +111,23 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     return forest.part(faces)
 
 
-class Marked(NamedTuple):
-    """The voxels of a block, and the layer of background beyond each face that it shares with the volume.
-
-    Attributes:
-        is_six: (X, Y, Z), whether a voxel is in the 6-connected phase, with that layer.
-        inner: the block itself in it.
-        place: position of the first voxel in the volume with a layer of background around it.
-        shape: of that.
-    """
-
-    is_six: Bools
-    inner: Bools
-    place: Triple
-    shape: Triple
-
-
-def background_around(block: Box, shape: Triple, connectivity: int) -> Marked:
-    """Room for the voxels of a block, all background so far.
+def count_box(inside: Bools, box: Box, shape: Triple, connectivity: int) -> Part:
+    """The part of one block of a volume, with the layer of background beyond each face that it shares with the volume.
 
     Args:
-        block: first and last + 1 voxel along each axis.
+        inside: (X, Y, Z), whether a voxel of the block is in the solid.
+        box: of the block in the volume, first and last + 1 voxel along each axis.
         shape: of the volume.
         connectivity: 6 or 26, that of the solid.
     """
-    x, y, z = (start + (start > 0) for start, _ in block)
+    x, y, z = (start + (start > 0) for start, _ in box)
     n_x, n_y, n_z = (n + 2 for n in shape)
-    ends = [stop + 1 + (stop == n) for (_, stop), n in zip(block, shape, strict=True)]
-    is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), connectivity == 26)
-    inner = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in block)]
-    return Marked(is_six, inner, (x, y, z), (n_x, n_y, n_z))
+    ends = [stop + 1 + (stop == n) for (_, stop), n in zip(box, shape, strict=True)]
+    background_is_six = connectivity == 26
+    is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), background_is_six)
+    within = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in box)]
+    np.not_equal(inside, background_is_six, out=within)
+    return count_part(is_six, (x, y, z), (n_x, n_y, n_z))
 
 
 def join_parts(one: Part, other: Part, axis: int) -> Part:

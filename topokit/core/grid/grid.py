@@ -147,3 +147,12 @@ def _fast_length(length: int) -> int:
     while (fast := next_fast_len(fast, real=True)) % 2:
         fast += 1
     return fast
+
+
+def occupied_box(inside: Tensor) -> list[tuple[int, int]]:
+    """First and last + 1 of the layers along each axis that hold a voxel of a solid (X, Y, Z), which must have one."""
+    box = []
+    for axis in range(3):
+        layers = inside.any(dim=[other for other in range(3) if other != axis]).nonzero()[:, 0]
+        box.append((int(layers[0]), int(layers[-1]) + 1))
+    return box

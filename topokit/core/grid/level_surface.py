@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.core.grid.components import occupied_box
 from topokit.core.grid.cube_table import EDGES, cube_triangles
-from topokit.core.grid.grid import Grid
+from topokit.core.grid.grid import Grid, occupied_box
 from topokit.core.surface import TriangleSurface
 
 Bools = NDArray[np.bool_]

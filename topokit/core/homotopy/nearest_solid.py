@@ -18,7 +18,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label
 
-from topokit.core.grid.components import betti_numbers
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import critical_index
 from topokit.core.homotopy.deformation import deform
 from topokit.core.homotopy.simple_points import Bools

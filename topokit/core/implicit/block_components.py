@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from topokit.core.blocks.division import Box, Division
-from topokit.core.blocks.part import Part, background_around, count_part, join_parts
+from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.components import CountedComponents
@@ -16,7 +16,7 @@ from topokit.core.implicit.blockwise import Blocks, Refinements
 
 
 def components_in_blocks(known: Refinements, connectivity: int, blocks: Blocks) -> CountedComponents:
-    """The connected closed surfaces of {F > 0} on the finest known grid, as `grid.components.grid_surfaces` finds them.
+    """The connected closed surfaces of {F > 0} on the finest known grid.
 
     Args:
         known: of the field's grids.
@@ -38,8 +38,5 @@ class _PartOfBox:
 
     def __call__(self, _: None, box: Box) -> Part:
         refined = refine_in_box(self.known.base, box, self.known.evaluate, self.known.followed)
-        marked = background_around(box, self.known.grid.shape, self.connectivity)
-        marked.inner[:] = refined if isinstance(refined, bool) else (refined.field.values > 0).numpy()
-        if self.connectivity == 26:
-            np.logical_not(marked.inner, out=marked.inner)
-        return count_part(marked.is_six, marked.place, marked.shape)
+        inside = np.bool_(refined) if isinstance(refined, bool) else (refined.field.values > 0).numpy()
+        return count_box(inside, box, self.known.grid.shape, self.connectivity)

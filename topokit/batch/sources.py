@@ -131,14 +131,16 @@ class _Finder:
 
 
 def _listed(paths: object) -> list[str | os.PathLike[str]]:
-    given = list(paths) if isinstance(paths, Iterable) and not isinstance(paths, str | os.PathLike) else [paths]
+    given = paths if isinstance(paths, Iterable) and not isinstance(paths, str | os.PathLike) else [paths]
+    listed: list[str | os.PathLike[str]] = []
     for one in given:
         if not isinstance(one, str | os.PathLike):
             raise InputError(
                 f"paths of files, folders and patterns were expected, not {type(one).__name__}. Shapes in memory have "
                 "reports of their own: [shape.report() for shape in shapes]."
             )
-    return given
+        listed.append(one)
+    return listed
 
 
 def _holds_rows(path: Path) -> bool:

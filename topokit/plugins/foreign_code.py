@@ -159,7 +159,7 @@ _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
         "a tuple of pairs, as (('.3mf', 'lxml'),)",
     ),
     ("priority", lambda value: isinstance(value, int), "an integer"),
-    ("runs_code", lambda value: value is None or (isinstance(value, str) and value), "a sentence, or None"),
+    ("runs_code", lambda value: value is None or (isinstance(value, str) and value != ""), "a sentence, or None"),
     (
         "opener",
         lambda value: value is None or callable(value) or _is_target(value),

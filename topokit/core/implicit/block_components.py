@@ -38,5 +38,8 @@ class _PartOfBox:
 
     def __call__(self, _: None, box: Box) -> Part:
         refined = refine_in_box(self.known.base, box, self.known.evaluate, self.known.followed)
-        inside = np.bool_(refined) if isinstance(refined, bool) else (refined.field.values > 0).numpy()
+        if isinstance(refined, bool):
+            inside = np.full([stop - start for start, stop in box], refined)
+        else:
+            inside = (refined.field.values > 0).numpy()
         return count_box(inside, box, self.known.grid.shape, self.connectivity)

@@ -46,10 +46,18 @@ def page() -> str:
     lines = [HEADER, "| shapes | rule |", "|---|---|"]
     lines += [f"| {shapes} | {(inspect.getdoc(rule) or '').splitlines()[0]} |" for shapes, rule in RULES]
     sources = list(dict.fromkeys(threshold.source for threshold in verdict.THRESHOLDS.values()))
-    lines += ["", "| threshold | value | unit | what is compared with it | source |", "|---|---|---|---|---|"]
+    lines += ["", "An answer about points is likely only if it meets those of these conditions that apply:", ""]
+    lines += ["| condition | is met if |", "|---|---|"]
+    lines += [f"| `{name}` | {meaning} |" for name, meaning in verdict.CONDITIONS.items()]
+    lines += [
+        "",
+        "| threshold | bound | value | unit | what is compared with it | source |",
+        "|---|---|---|---|---|---|",
+    ]
     for name, threshold in verdict.THRESHOLDS.items():
         number = sources.index(threshold.source) + 1
-        lines.append(f"| `{name}` | {threshold.value:g} | {threshold.unit} | {threshold.meaning} | {number} |")
+        row = (f"`{name}`", threshold.bound, f"{threshold.value:g}", threshold.unit, threshold.meaning, str(number))
+        lines.append(f"| {' | '.join(row)} |")
     lines += ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1))]
     lines += [CONFIDENCE.format(intercept=confidence.INTERCEPT), "| evidence | coefficient | doubt | x |"]
     lines.append("|---|---|---|---|")

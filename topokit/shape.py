@@ -53,9 +53,10 @@ class Shape(DifferentiableShape):
         """Handles summed over components, from the report's integer.
 
         Raises:
-            GenusError: if the surface is not a manifold or not orientable, or its genus is unknown.
+            GenusError: if the surface is not a manifold or not orientable, or its genus is unknown; the message names
+                the call that says more.
         """
-        return known_genus(self.report())
+        return known_genus(self.report(), is_manifold=None if self.counted is None else self.counted.manifold)
 
     def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.

@@ -48,7 +48,7 @@ def test_rows_are_plain_and_complete(folder: Path) -> None:
     assert all(type(value) in (str, int, float, bool, type(None)) for row in rows.values() for value in row.values())
     shown = ("verdict", "euler", "genus", "components", "tunnels", "boundary_loops", "closed", "manifold", "adapter")
     assert [rows["torus.stl"][key] for key in shown] == ["certain", 0, 1, 1, 1, 0, True, True, "mesh"]
-    assert [rows["bowl.obj"][key] for key in shown] == ["unsure", 1, 0, 1, None, 1, False, True, "mesh"]
+    assert [rows["bowl.obj"][key] for key in shown] == ["certain", 1, 0, 1, None, 1, False, True, "mesh"]
     assert [rows["edge_sharing_cubes.obj"][key] for key in shown[-4:]] == [0, False, False, "mesh"]
     assert rows["points.xyz"]["adapter"] == "points"
     assert "truncated.stl" in rows["truncated.stl"]["error"]

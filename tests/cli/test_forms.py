@@ -41,7 +41,7 @@ def test_a_folder_as_text(folder: Path) -> None:
     found = invoke("report", folder)
     assert found.exit_code == 1
     assert re.findall(r"^\S+: Euler.*", found.stdout, re.MULTILINE) == [
-        "bowl.obj: Euler characteristic 1 (unsure), genus 0, 1 component, not closed",
+        "bowl.obj: Euler characteristic 1 (certain), genus 0, 1 component, not closed",
         "torus.stl: Euler characteristic 0 (certain), genus 1, 1 component, closed",
     ]
     assert found.stderr.splitlines()[0] == "topokit: 1 file of no known format was passed over."
@@ -64,11 +64,11 @@ def test_a_table_has_a_row_for_every_file(folder: Path) -> None:
     ]
     rows = [line.split() for line in lines[1:]]
     assert [Path(row[0]).name for row in rows] == ["bowl.obj", "torus.stl", "truncated.stl"]
-    assert rows[0][1:-1] == ["unsure", "1", "0", "1", "no", "1", "?"]
+    assert rows[0][1:-1] == ["certain", "1", "0", "1", "no", "1", "?"]
     assert rows[1][1:-1] == ["certain", "0", "1", "1", "yes", "0", "0"]
     assert rows[2][1] == "failed"
     assert (
-        len({line.index(word) for line, word in zip(lines, ("verdict", "unsure", "certain", "failed"), strict=True)})
+        len({line.index(word) for line, word in zip(lines, ("verdict", "certain", "certain", "failed"), strict=True)})
         == 1
     )
 
@@ -114,7 +114,8 @@ def test_a_page_is_written_besides(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("condition", "code"),
     [
-        ("unsure", 1),
+        ("unsure", 0),
+        ("certain", 1),
         ("likely", 0),
         ("open", 1),
         ("genus>0", 1),
@@ -152,7 +153,7 @@ def test_standard_input(folder: Path) -> None:
     found = invoke("report", "-", "--format", "stl", stdin=torus)
     assert found.stdout.startswith("stdin.stl: Euler characteristic 0 (certain), genus 1"), found.stderr
     found = invoke("genus", folder / "bowl.obj", "-", "--format", "obj", stdin=bowl)
-    assert found.stdout.splitlines() == [f"0\tunsure\t{folder / 'bowl.obj'}", "0\tunsure\t-"]
+    assert found.stdout.splitlines() == [f"0\tcertain\t{folder / 'bowl.obj'}", "0\tcertain\t-"]
     found = invoke("euler", "-", stdin=(DATA / "sphere.ply").read_bytes())  # known by its content
     assert found.stdout == "2\tcertain\t-\n"
     found = invoke("euler", "-", "--format", "stl", stdin=torus[:500])

@@ -12,6 +12,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
@@ -136,15 +137,16 @@ def test_a_shape_that_cannot_be_drawn_is_listed_with_the_reason() -> None:
 
 def test_the_deciding_reasons_are_marked_and_first() -> None:
     vertices, faces = torus_mesh(24, 12)
-    shape = tk.from_mesh((vertices, faces[1:])).replace(notes=("A note.",))
+    thrice = np.concatenate((faces, [[*faces[0, :2], faces[100, 0]]]))  # an edge with three faces, and boundary
+    shape = tk.from_mesh((vertices, thrice)).replace(notes=("A note.",))
     report = shape.report()
     lines = str(report).splitlines()[1:]
     assert [line[2] for line in lines] == ["*"] * report.n_deciding + ["-"] * (len(lines) - report.n_deciding)
     assert lines[:2] == [f"  * {reason}" for reason in report.reasons[:2]]
     assert "  - A note." in lines
     marked = re.findall(r'<li class="deciding unsure"[^>]*><b>(.*?)</b>', page_of(shape, report).details)
-    assert len(marked) == report.n_deciding == 2
-    assert "It is open" in marked[1]
+    assert len(marked) == report.n_deciding == 3
+    assert "three or more faces" in marked[1]
 
 
 def test_the_bundle_is_built_from_the_sources() -> None:

@@ -20,6 +20,12 @@ def genus_of(euler: Count, boundary_loops: Count | int = 0, components: int = 1)
     return (2 * components - boundary_loops - euler) // 2
 
 
+def fitting_genus(euler: int, boundary_loops: int, components: int) -> int | None:
+    """Handles of an orientable surface, or None if no such surface has these numbers: g would be negative or a half."""
+    doubled = 2 * components - boundary_loops - euler
+    return doubled // 2 if components > 0 and doubled >= 0 and doubled % 2 == 0 else None
+
+
 @dataclass(frozen=True)
 class SurfaceComponent:
     """One connected component.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,14 +12,23 @@ from torch import Tensor
 
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
-from topokit.core.components import SurfaceComponent, genus_of
+from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
-from topokit.report.cloud_wording import check_sentences, far_sentences, preparation_sentences
+from topokit.report.cloud_wording import check_sentences, crowding_sentences, far_sentences, preparation_sentences
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
-from topokit.report.verdict import Verdict, cloud_checks, cloud_verdict, has_genus, is_open_sheet, lids, wire_checks
+from topokit.report.verdict import (
+    Verdict,
+    cloud_checks,
+    cloud_verdict,
+    has_genus,
+    has_thin_edges,
+    is_open_sheet,
+    lids,
+    wire_checks,
+)
 from topokit.report.wording import plural, position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
@@ -36,7 +44,9 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
-    if (found.part.boundary.curves or lids(witness)) and not is_wire:
+    boundary = found.part.boundary
+    has_rims = bool(boundary.curves) and not (witness is not None and has_thin_edges(boundary, witness))
+    if (has_rims or lids(witness)) and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
@@ -44,8 +54,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         report = _closed_report(found, witness)
     votes = vote_evidence(witness) if witness is not None else ()
     deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
-    started = time.perf_counter()
-    estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, time.perf_counter() - started)
+    estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, found.part.estimate_seconds)
     return replace(
         report,
         name=name,
@@ -61,16 +70,14 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
-    verdict, sentences = cloud_verdict(checks), check_sentences(checks, witness)
-    deciding = tuple(check for check in checks if (check.decides if verdict == "likely" else not check.passed))
-    n_deciding = len(check_sentences(deciding, witness))
+    deciding, others = check_sentences(checks, witness)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
     return _report(
         found,
         euler=witness.euler,
-        verdict=verdict,
-        reasons=(*sentences, *preparation_sentences(witness)),
-        n_deciding=n_deciding,
+        verdict=cloud_verdict(checks),
+        reasons=(*deciding, *others, *crowding_sentences(witness), *preparation_sentences(witness)),
+        n_deciding=len(deciding),
         components=components,
         n_components=n_surfaces,
         genus=genus,
@@ -81,19 +88,29 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 
 
 def _open_report(found: Examination) -> TopologyReport:
-    witness, curves = found.witness, found.part.boundary.curves
-    is_solid = witness is not None and not is_open_sheet(found.part.boundary, witness)
-    components = _cloud_components(found)
+    """The surface that ends along its rims: an open sheet, or the surface of a solid without the discs that fill it.
+
+    Every rim bounds one disc of the closed surface that was found, so each takes one from its Euler characteristic.
+    Where no rim could be traced, every lid over a hole is taken for such a disc, and the genus is unknown.
+    """
+    witness, boundary = found.witness, found.part.boundary
+    components, n_loops = _cloud_components(found), len(boundary.curves)
+    n_discs = n_loops or len(lids(witness))
+    if witness is None or is_open_sheet(boundary, witness):
+        n_components, euler = len(components), round(found.part.estimate)
+    else:
+        n_components, euler = witness.components + witness.cavities, witness.euler - n_discs
     where = (*_where_open(found.part), *_where_uncovered(found))
     return _report(
         found,
-        euler=witness.euler if witness is not None and is_solid else round(found.part.estimate),
+        euler=min(euler, 2 * n_components - n_discs),  # the most that any surface with so many rims has
         verdict="unsure",
         reasons=(*where, *_refusal(found)),
         n_deciding=len(where),
         components=components,
-        n_components=len(components),
-        boundary_loops=len(curves) or None,  # rims that cannot be traced cannot be counted
+        n_components=n_components,
+        genus=fitting_genus(euler, n_loops, n_components) if n_loops else None,
+        boundary_loops=n_loops or None,  # rims that cannot be traced cannot be counted
     )
 
 
@@ -132,7 +149,7 @@ def _report(
         genus=genus,
         components=n_components,
         cavities=cavities,
-        surface_betti=None if genus is None else (n_components, 2 * genus, n_components),
+        surface_betti=None if genus is None or not closed else (n_components, 2 * genus, n_components),
         solid_betti=None if genus is None or cavities is None else (n_components - cavities, genus, cavities),
         boundary_loops=0 if closed else boundary_loops,
         closed=closed,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
 from topokit.core.cloud.far_points import FAR
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
@@ -17,47 +20,29 @@ _SENTENCES = {
     ),
     "cuts": (
         "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
-        "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
+        "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}{other_cuts}.",
     ),
     "fields": (
         "{n_fields} of {fields} winding-number fields give χ = {euler}.",
-        "Only {n_fields} of {fields} winding-number fields give χ = {euler}.",
+        "Only {n_fields} of {fields} winding-number fields give χ = {euler}{other_fields}.",
     ),
-    "smoothing": (
-        "The original and the smoothed points both give χ = {euler}.",
-        "The original points give χ = {original}, the smoothed points {smoothed}; the best answer is {euler}.",
-    ),
-    "convergence": (
-        "{n_used} samples and half as many both give χ = {euler}.",
-        "{n_used} samples give χ = {original}, half as many {coarse}; the best answer is {euler}.",
-    ),
-    "agreement": (
-        "{value:.0%} of all votes, by weight, give χ = {euler}.",
-        "Only {value:.0%} of all votes, by weight, give χ = {euler}.",
-    ),
-    "crowded": (
-        "{value:.2%} of the points see an opposite sheet within 1.5 sample spacings.",
-        "{value:.1%} of the points see an opposite sheet within 1.5 sample spacings: walls or gaps are thinner than "
-        "the samples resolve.",
-    ),
-    "crowded_wide": (
-        "{value:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
-        "{value:.1%} of the points see an opposite sheet within 2.5 sample spacings, about the size of the smallest "
-        "feature that can be seen.",
+    "no fields": (
+        "",
+        "No winding-number field confirms the Delaunay cuts: grids as fine as the samples would be too large.",
     ),
     "coverage": (
         "{value:.1%} of the points lie on the surface that was found.",
         "Only {value:.1%} of the points lie on the surface that was found.",
     ),
-    "disagreement": (
-        "{value:.2%} of neighboring normals oppose each other.",
-        "{value:.1%} of neighboring normals oppose each other: sheets are close together, or the normals are "
-        "inconsistent.",
-    ),
     "rim": (
         "",
         "{value:.0%} of the samples have neighbors on one side only: they lie along lines or around gaps, and the "
         "surface between them is unknown.",
+    ),
+    "boundary": (
+        "",
+        "{value:.0f} curves look like a boundary, but {thin:.0%} of the samples have an opposite sheet within 1.5 "
+        "sample spacings: they run along thin edges, and the surface is taken to be closed there.",
     ),
     "genus": ("", "χ = {euler} is too large for {surfaces}: no genus fits it."),
     "confirmed": (
@@ -108,15 +93,32 @@ _SENTENCES = {
 }
 
 
-def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[str, ...]:
-    """One sentence per check that has something to say; of an unsure answer, failed ones first."""
+def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """One sentence for each check that has something to say: those that decided the verdict, and the others.
+
+    Every check decides a likely answer; the failed ones decide an unsure one.
+    """
     numbers = _numbers(witness)
-    is_likely = all(check.passed for check in checks if check.decides)
-    ordered = checks if is_likely else sorted(checks, key=lambda check: check.passed)
-    sentences = (
-        _SENTENCES[check.name][0 if check.passed else 1].format(value=check.value, **numbers) for check in ordered
-    )
-    return tuple(sentence for sentence in sentences if sentence)
+    failed = tuple(check for check in checks if not check.passed)
+    deciding = failed or checks
+    others = tuple(check for check in checks if check not in deciding)
+    return _sentences(deciding, numbers), _sentences(others, numbers)
+
+
+def _sentences(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tuple[str, ...]:
+    found = []
+    for check in checks:
+        name = "no fields" if check.name == "fields" and not numbers["fields"] else check.name
+        found.append(_SENTENCES[name][0 if check.passed else 1].format(value=check.value, **numbers))
+    return tuple(sentence for sentence in found if sentence)
+
+
+def crowding_sentences(witness: Witness) -> tuple[str, ...]:
+    """How many samples have an opposite sheet nearby, which is a part of the confidence."""
+    if witness.wire is not None:
+        return ()
+    share = witness.quality.crowded_wide
+    return (f"{share:.2%} of the points see an opposite sheet within 2.5 sample spacings.",)
 
 
 def preparation_sentences(witness: Witness) -> tuple[str, ...]:
@@ -176,14 +178,19 @@ def _numbers(witness: Witness) -> dict[str, object]:
         "percent": int(100 * cloud_confidence(witness)),  # rounded down: 100 % would be a proof
         "cuts": len(cuts),
         "n_cuts": cuts.count(witness.euler),
+        "other_cuts": _others(cuts, witness.euler),
         "fields": len(fields),
         "n_fields": fields.count(witness.euler),
-        "original": values_of(witness.votes, "cut")[0],
-        "smoothed": next(iter(values_of(witness.votes, "smooth cut")), None),
-        "coarse": next(iter(values_of(witness.votes, "coarse cut")), None),
-        "n_used": witness.n_used,
+        "other_fields": _others(fields, witness.euler),
+        "thin": witness.quality.crowded_boundary,
         "surfaces": plural(witness.components + witness.cavities, "closed surface"),
         "smallest": 0.0 if witness.wire is None else witness.wire.smallest,
         "largest": 0.0 if witness.wire is None else witness.wire.largest,
         "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
     }
+
+
+def _others(values: Sequence[int], euler: int) -> str:
+    """The integers that the other votes give, from the most frequent one on."""
+    counts = Counter(value for value in values if value != euler)
+    return f", others {', '.join(str(value) for value, _ in counts.most_common())}" if counts else ""

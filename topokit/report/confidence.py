@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.votes import values_of
+from topokit.core.cloud.votes import share_of, values_of
 
 SCALES: Mapping[str, Callable[[float], float]] = MappingProxyType(
     {
@@ -44,7 +44,7 @@ INTERCEPT = 5.72  # log-odds of an answer without any doubt
 EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
     {
         "cuts": Doubt("share of the Delaunay cuts of the points that give another integer", "x", 1.73),
-        "fields": Doubt("share of the winding-number fields that give another integer", "x", 1.12),
+        "fields": Doubt("share of the winding-number fields that do not give the integer; 1 if none votes", "x", 1.12),
         "handles": Doubt("handles and further surfaces that the answer counts", "log(1 + x)", 0.67),
         "crowded_wide": Doubt("share of samples with an opposite sheet within 2.5 spacings", "log(1 + 100 x)", 0.91),
         "off_surface": Doubt(
@@ -70,13 +70,9 @@ def cloud_evidence(witness: Witness) -> dict[str, float]:
     """The measured values of all evidence about a closed cloud."""
     quality, n_surfaces = witness.quality, witness.components + witness.cavities
     return {
-        "cuts": _other_share(values_of(witness.votes, "cut", "shifted cut"), witness.euler),
-        "fields": _other_share(values_of(witness.votes, "field"), witness.euler),
+        "cuts": 1 - share_of(witness.euler, values_of(witness.votes, "cut", "shifted cut")),
+        "fields": 1 - share_of(witness.euler, values_of(witness.votes, "field")),
         "handles": max(n_surfaces - witness.euler / 2, 0.0) + max(n_surfaces - 1, 0),
         "crowded_wide": quality.crowded_wide,
         "off_surface": (1 - quality.coverage) / (1 + (quality.roughness / _NOISE) ** 2),
     }
-
-
-def _other_share(values: list[int], euler: int) -> float:
-    return 1 - values.count(euler) / len(values) if values else 0.0

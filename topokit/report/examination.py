@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
 
@@ -44,6 +46,7 @@ class Examination:
         self.samples = samples
         self._known_closed = known_closed
         self._find_neighbors = neighbors or self._search
+        self.estimate_seconds = 0.0  # that neighbors, curvature and boundary took
 
     @cached_property
     def neighbors(self) -> Tensor:
@@ -84,7 +87,7 @@ class Examination:
     @cached_property
     def curvature(self) -> Curvature:
         """Curvature of the samples by the defaults of `Shape.curvature`, without a graph."""
-        with torch.no_grad():
+        with torch.no_grad(), self._timed():
             settings = CurvatureSettings(automatic_neighbors(self.samples.points, self.neighbors))
             known = first_neighbors(self.neighbors, settings.n_neighbors)
             return surface_curvature(self.samples, settings, neighbors=known)
@@ -94,7 +97,14 @@ class Examination:
         """The boundary curves of the surface."""
         if self._known_closed:
             return BoundaryEstimate((), 0.0, float(self.curvature.area.mean().sqrt()))
-        return estimate_boundary(self.samples.points, self.neighbors)
+        with self._timed():
+            return estimate_boundary(self.samples.points, self.neighbors)
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.estimate_seconds += time.perf_counter() - started
 
     @cached_property
     def estimate(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from topokit.core.mesh.topology import MeshTopology
 from topokit.report.report import CountedAnswer, Evidence
-from topokit.report.verdict import mesh_verdict
+from topokit.report.verdict import Verdict, mesh_verdict
 from topokit.report.wording import plural
 
 
@@ -14,42 +14,53 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
     Args:
         topology: what counting found.
         seconds: time it took.
-        exact_vertices: False if the mesh is closed only after vertices that nearly coincide were merged.
+        exact_vertices: whether it is beyond doubt which vertices are one, see `CountedMesh`.
     """
+    verdict = mesh_verdict(topology.is_manifold, topology.is_closed, exact_vertices)
+    deciding = _deciding(topology, verdict)
     return CountedAnswer(
         evidence=Evidence("V − E + F", float(topology.euler), topology.euler, seconds),
         components=topology.components,
         closed=topology.is_closed,
         boundary_loops=topology.boundary_loops,
-        verdict=mesh_verdict(topology.is_closed, exact_vertices),
-        reasons=_reasons(topology),
+        verdict=verdict,
+        reasons=(*deciding, *_further(topology)),
         manifold=topology.is_manifold,
-        n_deciding=1 + sum(map(bool, _faults(topology))),
+        n_deciding=len(deciding),
     )
 
 
-def _faults(topology: MeshTopology) -> tuple[int, int, int]:
-    """The numbers of what keeps a mesh from being a closed manifold."""
-    return topology.boundary_edges, topology.nonmanifold_edges, topology.pinched_vertices
-
-
-def _reasons(topology: MeshTopology) -> tuple[str, ...]:
+def _deciding(topology: MeshTopology, verdict: Verdict) -> tuple[str, ...]:
     parts = plural(len(topology.components), "component")
     if topology.is_closed:
-        lines = [
-            f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact."
-        ]
-    else:
-        lines = [f"The mesh is not a closed manifold; its V − E + F as it stands is {topology.euler} over {parts}."]
-    if topology.boundary_edges:
-        loops = plural(topology.boundary_loops, "boundary loop")
-        lines.append(f"It is open: {plural(topology.boundary_edges, 'edge')} in {loops} have only one face.")
+        return (
+            f"Every edge has two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} is exact.",
+        )
+    if topology.is_manifold:
+        if verdict == "certain":
+            return (
+                f"Every edge has one or two faces and every vertex one fan: V − E + F = {topology.euler} over {parts} "
+                "is exact.",
+            )
+        return (
+            f"Vertices on the boundary coincide, and it is unknown whether they are one: V − E + F as it stands is "
+            f"{topology.euler} over {parts}.",
+        )
+    lines = [f"The mesh is not a manifold; its V − E + F as it stands is {topology.euler} over {parts}."]
     if topology.nonmanifold_edges:
         lines.append(f"{plural(topology.nonmanifold_edges, 'edge')} with three or more faces (non-manifold).")
     if topology.pinched_vertices:
         lines.append(
             f"{plural(topology.pinched_vertices, 'vertex', 'vertices')} where separate fans of faces touch (pinched)."
         )
+    return tuple(lines)
+
+
+def _further(topology: MeshTopology) -> tuple[str, ...]:
+    lines = []
+    if topology.boundary_edges:
+        loops = plural(topology.boundary_loops, "boundary loop")
+        lines.append(f"It is open: {plural(topology.boundary_edges, 'edge')} in {loops} have only one face.")
     if topology.flipped_faces:
         lines.append(
             f"{plural(topology.flipped_faces, 'face')} turned against the others (flipped); V − E + F is unaffected."

@@ -73,7 +73,8 @@ class TopologyReport:
         name: what was examined.
         euler: Euler characteristic χ of the surface, summed over components: the best integer there is, whatever the
             verdict; None only if nothing is known.
-        genus: handles summed over components, g = (2c − b − χ)/2, or None where it is undefined or unknown.
+        genus: handles summed over components, g = (2c − b − χ)/2 for c components and b boundary loops, or None where
+            it is undefined or unknown: no orientable surface has these numbers, or they are not known.
         components: connected components of the surface (a hollow ball has two).
         cavities: components that bound a hole inside a solid, or None if unknown.
         surface_betti: Betti numbers (c, 2g, c) of a closed surface, else None.
@@ -81,7 +82,7 @@ class TopologyReport:
         boundary_loops: number of boundary loops, or None if they were not counted.
         closed: whether the surface is closed, as far as its samples show.
         verdict: "certain" is proven by counting; "likely" means that independent evidence agrees; "unsure" means that
-            it does not, that there is too little of it, or that the surface is open.
+            it does not, that there is too little of it, or that a cloud is open.
         reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
         estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, or None if it was not computed.
@@ -160,25 +161,40 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def why(report: TopologyReport) -> str:
+    """The reasons that decided the verdict, as one text."""
+    return " ".join(report.reasons[: report.n_deciding]) or "Nothing is known about it."
+
+
 def known_euler(report: TopologyReport) -> int:
     """The report's Euler characteristic.
 
     Raises:
-        InputError: if it is unknown; the message holds the report's reasons.
+        InputError: if it is unknown; the message says why.
     """
     if report.euler is None:
-        why = " ".join(report.reasons) or "Nothing is known about it."
-        raise InputError(f"{report.name}: the Euler characteristic is unknown. {why}")
+        raise InputError(f"{report.name}: the Euler characteristic is unknown. {why(report)}")
     return report.euler
 
 
-def known_genus(report: TopologyReport) -> int:
+def known_genus(report: TopologyReport, *, is_manifold: bool | None = None) -> int:
     """The report's genus.
 
+    Args:
+        report: of a shape.
+        is_manifold: whether the surface was counted to be a manifold, or None if it was not.
+
     Raises:
-        GenusError: if it is undefined or unknown; the message holds the report's reasons.
+        GenusError: if it is undefined or unknown; the message says why and which call says more.
     """
-    if report.genus is None:
-        why = " ".join(report.reasons) or "Nothing is known about it."
-        raise GenusError(f"{report.name}: genus is undefined or unknown. {why}")
-    return report.genus
+    if report.genus is not None:
+        return report.genus
+    if is_manifold:
+        reason, call = "The surface is one-sided (not orientable).", f"shape.report().euler is {report.euler}."
+    elif is_manifold is False:
+        reason, call = why(report), "shape.defects() says where it is not a manifold."
+    elif report.boundary_loops:
+        reason, call = why(report), "shape.boundaries() gives the curves along which it ends."
+    else:
+        reason, call = why(report), "shape.report() holds all evidence."
+    raise GenusError(f"{report.name}: genus is undefined or unknown. {reason} {call}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
-from topokit.report.report import TopologyReport
+from topokit.report.report import TopologyReport, why
 
 
 def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> TriangleSurface:
@@ -19,12 +19,12 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
         InputError: if there is none, or it is open, not a manifold or does not count to the report's integer.
     """
     if surface is None or len(surface.faces) == 0 or not report.closed:
-        raise InputError(f"{report.name} has no closed surface. {' '.join(report.reasons)}")
+        raise InputError(f"{report.name} has no closed surface. {why(report)}")
     topology = mesh_topology(surface.vertices, surface.faces)
     if not topology.is_closed or topology.euler != report.euler:
         found = f"counts to χ = {topology.euler}" if topology.is_closed else "is not a closed manifold"
         raise InputError(
             f"{report.name}: the surface that was found {found}, but χ = {report.euler} ({report.verdict}) is "
-            f"reported, so it is not given. {' '.join(report.reasons)}"
+            f"reported, so it is not given. {why(report)}"
         )
     return TriangleSurface(surface.vertices, topology.faces)

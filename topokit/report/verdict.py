@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.uncovered import UncoveredPatch
-from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
+from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
 from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
 from topokit.report.confidence import cloud_confidence
 
 Verdict = Literal["certain", "likely", "unsure"]
+Bound = Literal["at least", "at most"]
 
 
 @dataclass(frozen=True)
@@ -23,15 +24,21 @@ class Threshold:
 
     Attributes:
         value: the limit.
+        bound: on which side of it a measured value must lie.
         unit: its unit.
         meaning: what is compared with it.
         source: the experiment or argument it comes from.
     """
 
     value: float
+    bound: Bound
     unit: str
     meaning: str
     source: str
+
+    def allows(self, value: float) -> bool:
+        """Whether a measured value is within the limit."""
+        return value >= self.value if self.bound == "at least" else value <= self.value
 
 
 _CALIBRATED = (
@@ -52,109 +59,133 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "confidence": Threshold(
-            0.85, "probability", "that the integer of a closed cloud is right, at least", _CALIBRATED
+            0.85, "at least", "probability", "that the integer of a closed cloud is right", _CALIBRATED
         ),
-        "cuts": Threshold(0.7, "share of counts", "Delaunay cuts that give the integer, at least", _ONE_DRAW),
+        "cuts": Threshold(0.7, "at least", "share of counts", "Delaunay cuts that give the integer", _ONE_DRAW),
         "fields": Threshold(
-            0.65, "share of fields", "winding-number fields that give the integer, at least", _ONE_DRAW
+            0.65, "at least", "share of fields", "winding-number fields that give the integer, 0 of none", _ONE_DRAW
         ),
-        "agreement": Threshold(0.75, "share of weight", "votes for the integer, by weight, at least", _ONE_DRAW),
-        "crowded": Threshold(
-            0.009, "share of samples", "samples with an opposite sheet within 1.5 spacings, at most", _ONE_DRAW
-        ),
-        "crowded_wide": Threshold(
-            0.0175, "share of samples", "samples with an opposite sheet within 2.5 spacings, at most", _ONE_DRAW
-        ),
-        "coverage": Threshold(0.6, "share of samples", "samples on the surface that was found, at least", _ONE_DRAW),
-        "disagreement": Threshold(
-            0.06, "share of neighbor pairs", "neighboring normals that oppose each other, at most", _ONE_DRAW
-        ),
-        "confirmed": Threshold(0.9, "share of normals", "given normals that the points confirm, at least", _ONE_DRAW),
+        "coverage": Threshold(0.6, "at least", "share of samples", "samples on the surface that was found", _ONE_DRAW),
+        "confirmed": Threshold(0.9, "at least", "share of normals", "given normals that the points confirm", _ONE_DRAW),
         "rim": Threshold(
             0.05,
+            "at most",
             "share of samples",
-            "samples with neighbors on one side only, at most",
+            "samples with neighbors on one side only",
             "46 closed real meshes, 10 000 random points: at most 0.083 (plain) and 0.034 (0.5 % noise), 0.005 on "
             "smooth ones; scan lines on a sphere exceed it",
         ),
         "rounding": Threshold(
             0.5,
+            "at most",
             "sample spacings",
-            "step between neighboring coordinates in single precision, at most",
+            "step between neighboring coordinates in single precision",
             "clouds of 4 000 to 6 000 points from five shapes, rounded to steps of 0.1 to 4 spacings: all right at "
             "1 spacing, two of two at 1.5, from 2 on five of six were wrong; the limit is half of the first",
         ),
         "uncovered": Threshold(
             25,
+            "at most",
             "samples",
-            "samples missing from a patch of the found surface from which it is a lid over a hole of the cloud",
+            "samples missing from a patch of the found surface; above it, the patch is a lid over a hole of the cloud",
             "a region where a random samples are expected is empty with probability exp(-a): a patch misses at "
             "most 15.8 in 60 draws of 20 000 on a plane, 17 in 10 000 points from 24 of 26 closed meshes (two "
             "have thin walls), and at least 48 in 24 of 26 clouds that planes, boxes and spheres cut from these",
         ),
+        "thin_edges": Threshold(
+            0.05,
+            "at most",
+            "share of samples",
+            "samples with an opposite sheet within 1.5 spacings where curves look like a boundary; above it, these "
+            "run along thin edges, and the surface is closed",
+            _ONE_DRAW,
+        ),
         "open_length": Threshold(
             60,
+            "at most",
             "sample spacings",
-            "boundary length from which a cloud is an open sheet, not a solid with gaps",
+            "boundary length of a solid with gaps; above it, the cloud is an open sheet",
             _ANALYTIC,
         ),
-        "open_crowded": Threshold(
-            0.05, "share of samples", "crowded samples from which curves along thin rims are no boundary", _ONE_DRAW
-        ),
         "wire_share": Threshold(
-            0.3, "share of weight", "radii of the union of balls that give the integer of a wire, at least", _TUBES
+            0.3, "at least", "share of weight", "radii of the union of balls that give the integer of a wire", _TUBES
         ),
         "wire_contrast": Threshold(
             6,
+            "at least",
             "ratio",
-            "weight of a wire's integer over that of the next, at least, where no Delaunay cut gives it",
+            "weight of a wire's integer over that of the next, where no Delaunay cut gives it",
             _TUBES,
         ),
         "wire_contrast_supported": Threshold(
             3,
+            "at least",
             "ratio",
-            "weight of a wire's integer over that of the next, at least, where a Delaunay cut gives it",
+            "weight of a wire's integer over that of the next, where a Delaunay cut gives it",
             _TUBES,
         ),
         "wire_range": Threshold(
-            2, "ratio of radii", "range of radii over which the wire's integer stands, at least", _TUBES
+            2, "at least", "ratio of radii", "range of radii over which the wire's integer stands", _TUBES
         ),
         "wire_narrowness": Threshold(
-            0.25, "ratio of variances", "median second over first variance of 100 neighbors of a wire, at most", _TUBES
+            0.25,
+            "at most",
+            "ratio of variances",
+            "median second over first variance of 100 neighbors of a wire",
+            _TUBES,
         ),
         "overlap": Threshold(
             0.04,
+            "at most",
             "share of area",
-            "area of a closed mesh off the solid it encloses from which it is reported to overlap itself",
+            "area of a closed mesh off the solid it encloses; above it, the mesh is reported to overlap itself",
             "closed real meshes: at most 0.008 without self-intersections and 0.024 with few; 0.093 with walls thinner "
             "than the grid, 0.24 for two overlapping spheres",
         ),
     }
 )
 
+CONDITIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "genus": "there is a surface, and its integer is not too large for the number of surfaces",
+        "boundary": "no curve looks like a boundary",
+        "contradictory": "the given normals do not contradict each other",
+        "noise": "the noise is not so large that only few samples, averaged over wide neighborhoods, are left",
+        "second look": "the integer does not come from strongly smoothed points",
+    }
+)
+"""Checks without a limit: each is made only where it fails, except the first."""
+
 
 @dataclass(frozen=True)
 class Check:
-    """One condition of a verdict.
+    """One condition of a verdict: an answer is likely only if all are met.
 
     Attributes:
-        name: what was compared.
+        name: a key of `THRESHOLDS` or `CONDITIONS`.
         value: the measured number.
         passed: whether it is within the limit.
-        decides: whether the verdict depends on it directly; if not, it is a part of the confidence.
     """
 
     name: str
     value: float
     passed: bool
-    decides: bool = False
 
 
-def mesh_verdict(is_closed: bool, exact_vertices: bool) -> Verdict:
-    """A closed manifold mesh is proven by counting, unless it is closed only after a merge of nearly equal vertices."""
-    if not is_closed:
+def mesh_verdict(is_manifold: bool, is_closed: bool, exact_vertices: bool) -> Verdict:
+    """A manifold mesh, closed or with boundary, is proven by counting, unless it is a guess which vertices are one.
+
+    Args:
+        is_manifold: whether every edge has one or two faces and every vertex one fan.
+        is_closed: whether every edge has two.
+        exact_vertices: False if nearly equal vertices were merged, which closes the mesh, or if different vertices on
+            the boundary (nearly) coincide.
+    """
+    if not is_manifold:
         return "unsure"
-    return "certain" if exact_vertices else "likely"
+    if exact_vertices:
+        return "certain"
+    return "likely" if is_closed else "unsure"
 
 
 def volume_verdict() -> Verdict:
@@ -179,71 +210,46 @@ def function_verdict(
 
 
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
-    """A closed cloud is likely if both families of votes agree and such answers are nearly always right."""
-    return "likely" if all(check.passed for check in checks if check.decides) else "unsure"
+    """A closed cloud is likely if both families of votes give its integer and such answers are nearly always right."""
+    return "likely" if all(check.passed for check in checks) else "unsure"
 
 
 def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, ...]:
-    """The conditions under which the integer of a closed cloud is likely, and the evidence behind its confidence."""
-    euler, quality = witness.euler, witness.quality
-    confidence = cloud_confidence(witness)
-    cuts = [value == euler for value in values_of(witness.votes, *CUT_FAMILIES)]
+    """The conditions under which the integer of a closed cloud is likely."""
+    euler = witness.euler
     surfaces = float(witness.components + witness.cavities - euler / 2)
     checks = [
-        Check("confidence", confidence, confidence >= THRESHOLDS["confidence"].value, decides=True),
-        Check("genus", surfaces, has_genus(witness), decides=True),
-        replace(_at_least("cuts", sum(cuts) / len(cuts)), decides=True),
-        *_second_opinions(witness),
-        _at_least("agreement", witness.agreement),
-        _at_most("crowded", quality.crowded),
-        _at_most("crowded_wide", quality.crowded_wide),
-        replace(_at_least("coverage", quality.coverage), decides=True),  # the calibration has no likely one below 0.74
-        _at_most("disagreement", quality.disagreement),
-        replace(_at_most("rim", boundary.rim_share), decides=True),  # the calibration has no points along lines
+        _check("confidence", cloud_confidence(witness)),
+        Check("genus", surfaces, has_genus(witness)),
+        _check("cuts", share_of(euler, values_of(witness.votes, *CUT_FAMILIES))),
+        _check("fields", share_of(euler, values_of(witness.votes, "field"))),
+        _check("coverage", witness.quality.coverage),  # the calibration has no likely one below 0.74
+        _check("rim", boundary.rim_share),  # the calibration has no points along lines
+        *_unless_passed("rounding", witness.rounding / witness.spacing),
     ]
+    if boundary.curves:
+        checks.append(Check("boundary", float(len(boundary.curves)), False))
     if witness.signs.source == "contradictory":
-        checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False, decides=True))
+        checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False))
     elif witness.signs.confirmed is not None:
-        checks.append(replace(_at_least("confirmed", witness.signs.confirmed), decides=True))
-    checks += _rounding(witness)
+        checks.append(_check("confirmed", witness.signs.confirmed))
     if witness.preparation == "thinned":  # the calibration has no such noise
-        checks.append(Check("noise", float(witness.n_used), False, decides=True))
+        checks.append(Check("noise", float(witness.n_used), False))
     if witness.smoothed is not None:
-        checks.append(Check("second look", witness.smoothed.agreement, False, decides=True))
-    return tuple(checks)
-
-
-def _second_opinions(witness: Witness) -> tuple[Check, ...]:
-    """What does not look at the samples of the first cuts: fields, smoothed samples, half as many samples."""
-    euler, votes = witness.euler, witness.votes
-    original, fields = values_of(votes, "cut")[0], values_of(votes, "field")
-    checks = []
-    if fields:
-        checks.append(replace(_at_least("fields", fields.count(euler) / len(fields)), decides=True))
-    others: tuple[tuple[str, Family], ...] = (("smoothing", "smooth cut"), ("convergence", "coarse cut"))
-    for name, family in others:
-        for value in values_of(votes, family)[:1]:
-            checks.append(Check(name, float(value), original == value == euler))
+        checks.append(Check("second look", witness.smoothed.agreement, False))
     return tuple(checks)
 
 
 def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
     """The conditions under which the integer of a cloud that is read as a thickened graph is likely."""
     is_supported = witness.euler in values_of(witness.votes, "cut", "smooth cut")
-    checks = (
-        _at_least("wire_range", wire.largest / wire.smallest),
-        _at_least("wire_share", wire.share),
-        _at_least("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
-        _at_most("wire_narrowness", wire.narrowness),
-        *_rounding(witness),
+    return (
+        _check("wire_range", wire.largest / wire.smallest),
+        _check("wire_share", wire.share),
+        _check("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
+        _check("wire_narrowness", wire.narrowness),
+        *_unless_passed("rounding", witness.rounding / witness.spacing),
     )
-    return tuple(replace(check, decides=True) for check in checks)
-
-
-def _rounding(witness: Witness) -> list[Check]:
-    """A check that has failed, of coordinates that single precision has rounded; else none."""
-    check = _at_most("rounding", witness.rounding / witness.spacing)
-    return [] if check.passed else [replace(check, decides=True)]
 
 
 def has_genus(witness: Witness) -> bool:
@@ -255,7 +261,12 @@ def has_genus(witness: Witness) -> bool:
 def lids(witness: Witness | None) -> tuple[UncoveredPatch, ...]:
     """The patches of the found surface that are lids over holes of the cloud, not gaps between random samples."""
     patches = () if witness is None else witness.uncovered
-    return tuple(patch for patch in patches if patch.missing > THRESHOLDS["uncovered"].value)
+    return tuple(patch for patch in patches if not THRESHOLDS["uncovered"].allows(patch.missing))
+
+
+def has_thin_edges(boundary: BoundaryEstimate, witness: Witness) -> bool:
+    """Whether curves that look like a boundary run along thin edges of a closed surface."""
+    return bool(boundary.curves) and not THRESHOLDS["thin_edges"].allows(witness.quality.crowded_boundary)
 
 
 def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
@@ -265,18 +276,20 @@ def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
     """
     if witness is None:
         return True
-    is_crowded = witness.quality.crowded_boundary > THRESHOLDS["open_crowded"].value
-    return not is_crowded and boundary.length > THRESHOLDS["open_length"].value * boundary.spacing
+    is_long = not THRESHOLDS["open_length"].allows(boundary.length / boundary.spacing)
+    return is_long and not has_thin_edges(boundary, witness)
 
 
 def overlaps(off_level: float) -> bool:
     """Whether a closed mesh intersects or overlaps itself, by the share of its area off the solid it encloses."""
-    return off_level > THRESHOLDS["overlap"].value
+    return not THRESHOLDS["overlap"].allows(off_level)
 
 
-def _at_least(name: str, value: float) -> Check:
-    return Check(name, value, value >= THRESHOLDS[name].value)
+def _check(name: str, value: float) -> Check:
+    return Check(name, value, THRESHOLDS[name].allows(value))
 
 
-def _at_most(name: str, value: float) -> Check:
-    return Check(name, value, value <= THRESHOLDS[name].value)
+def _unless_passed(name: str, value: float) -> tuple[Check, ...]:
+    """The check if it has failed: only then is there something to say."""
+    check = _check(name, value)
+    return () if check.passed else (check,)

@@ -13,7 +13,7 @@ from torch.autograd import gradcheck
 
 import topokit as tk
 from topokit.core.mesh.sampling import sample_triangles
-from topokit.errors import InputError, ReadError
+from topokit.errors import GenusError, InputError, ReadError
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 
 FORMATS = ["obj", "off", "ply", "stl", "glb", "3mf"]
@@ -74,13 +74,61 @@ def test_a_rounded_seam_is_closed_but_only_likely() -> None:
     assert (report.euler, report.closed, report.verdict) == (0, True, "likely")
 
 
+def mobius_strip(count: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and faces of a band with half a twist."""
+    angle = np.arange(count) * 2 * np.pi / count
+    across = np.stack((np.cos(angle / 2) * np.cos(angle), np.cos(angle / 2) * np.sin(angle), np.sin(angle / 2)), axis=1)
+    middle = np.stack((np.cos(angle), np.sin(angle), 0 * angle), axis=1)
+    first, second = np.arange(count), np.arange(count) + count
+    after, beyond = np.roll(first, -1), np.roll(second, -1)
+    after[-1], beyond[-1] = second[0], first[0]
+    faces = np.concatenate((np.stack((first, after, second), 1), np.stack((after, beyond, second), 1)))
+    return np.concatenate((middle - 0.3 * across, middle + 0.3 * across)), faces
+
+
+def test_the_integer_of_an_open_manifold_is_certain() -> None:
+    vertices, faces = torus_mesh(20, 10)
+    shape = tk.from_mesh((vertices, faces[1:]))
+    report = shape.report()
+    assert (report.euler, report.genus, report.boundary_loops) == (-1, 1, 1)
+    assert (report.verdict, report.closed, report.n_deciding) == ("certain", False, 1)
+    assert "one or two faces" in report.reasons[0]
+    assert shape.genus() == 1
+
+
+def test_a_mobius_strip_is_certain_and_has_no_genus() -> None:
+    shape = tk.from_mesh(mobius_strip())
+    report = shape.report()
+    assert (report.euler, report.genus, report.boundary_loops, report.verdict) == (0, None, 1, "certain")
+    with pytest.raises(GenusError, match=r"one-sided .* shape\.report\(\)\.euler is 0"):
+        shape.genus()
+
+
+def test_what_is_no_manifold_is_unsure_and_its_genus_names_the_next_call() -> None:
+    shape = tk.from_mesh(np.eye(3, 5).T + np.arange(5)[:, None], [[0, 1, 2], [0, 1, 3], [0, 1, 4]])
+    assert shape.report().verdict == "unsure"
+    with pytest.raises(GenusError, match=r"shape\.defects\(\) says where"):
+        shape.genus()
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-10])
+def test_an_open_mesh_whose_boundary_touches_other_vertices_is_unsure(apart: float) -> None:
+    vertices, faces = icosphere(2)
+    corners = vertices[faces[:40]].reshape(-1, 3)
+    tripled = np.concatenate((vertices, corners * (1 + apart)))  # a patch of the closed sphere written a second time
+    report = tk.from_mesh((tripled, np.concatenate((faces, len(vertices) + np.arange(120).reshape(-1, 3))))).report()
+    assert (report.closed, report.verdict) == (False, "unsure")
+    alone = tk.from_mesh((corners, np.arange(120).reshape(-1, 3))).report()  # merged, it touches nothing
+    assert (alone.closed, alone.verdict) == (False, "certain")
+
+
 def test_faults_are_plain_sentences() -> None:
     vertices, faces = icosphere(2)
     extra = np.concatenate((vertices, [[9.0, 9, 9]]))
     broken = np.concatenate((faces[1:], [[5, 5, 6]]))
     broken[7] = broken[7, ::-1]
     report = tk.from_mesh((extra, broken)).report()
-    assert (report.euler, report.verdict, report.closed, report.boundary_loops) == (1, "unsure", False, 1)
+    assert (report.euler, report.verdict, report.closed, report.boundary_loops) == (1, "certain", False, 1)
     text = "\n".join(report.reasons)
     for sentence in (
         "Not counted: 1 vertex without a face.",

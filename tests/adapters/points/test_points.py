@@ -86,16 +86,21 @@ def test_tensors_keep_dtype_and_gradient() -> None:
     assert points.grad.dtype == torch.float32
 
 
-def test_an_open_cloud_says_where_and_has_no_genus() -> None:
+def test_an_open_cloud_says_where_and_has_the_genus_of_its_numbers() -> None:
     known = sphere_samples(6000)
     upper = known.points[:, 2] > 0
     shape = tk.from_points(known.points[upper], known.normals[upper])
     report = shape.report()
     assert not report.closed
-    assert report.genus is None
+    assert (report.euler, report.components, report.boundary_loops, report.genus) == (1, 1, 1, 0)
     assert any("not closed" in reason for reason in report.reasons)
-    with pytest.raises(GenusError, match=r"genus is undefined or unknown\. The surface is not closed"):
-        shape.genus()
+    assert shape.genus() == 0
+
+
+def test_points_on_no_surface_have_no_genus_and_the_error_names_the_next_call() -> None:
+    line = torch.linspace(0, 1, 200, dtype=torch.float64)[:, None].expand(200, 3).clone()
+    with pytest.raises(GenusError, match=r"genus is undefined or unknown\. No solid .* shape\.report\(\)"):
+        tk.from_points(line).genus()
 
 
 def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:

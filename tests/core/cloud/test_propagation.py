@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from topokit.core.cloud import propagation
 from topokit.core.cloud.axes import surface_axes
 from topokit.core.cloud.dense import dense_cloud
+from topokit.core.cloud.neighborhoods import local_geometry
 from topokit.core.cloud.patch_graph import relative_signs
 from topokit.core.cloud.planes import plane_axes
 from topokit.core.cloud.propagation import propagate_signs
@@ -118,12 +119,21 @@ def test_axes_areas_and_noise_of_a_sphere() -> None:
     surface = surface_axes(points)
     assert np.abs((surface.axes * normals).sum(1)).min() > 0.98
     assert surface.areas.sum() == pytest.approx(known.area, rel=0.15)
-    assert surface.roughness < 0.05
+    assert surface.relative_thickness < 0.05
     noisy = points * (1 + 0.02 * np.random.default_rng(0).normal(size=(len(points), 1)))
-    assert surface_axes(noisy).roughness > 0.17
+    assert surface_axes(noisy).relative_thickness > 0.17
     gaps = np.linalg.norm(points[surface.neighbors] - points[:, None], axis=2)
     assert (np.diff(gaps, axis=1) >= 0).all()
     assert (gaps > 0).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.05])
+def test_roughness_is_in_spacings_at_every_size(noise: float) -> None:
+    known = sphere_samples(6000)
+    points = known.points.numpy() * (1 + noise * np.random.default_rng(0).normal(size=(6000, 1)))
+    local, surface = local_geometry(points), surface_axes(points)
+    assert surface.roughness == pytest.approx(local.roughness, rel=1e-9)
+    assert surface.spacing == pytest.approx(local.spacing, rel=1e-9)
 
 
 def test_axes_in_closed_form_are_those_of_decompositions() -> None:

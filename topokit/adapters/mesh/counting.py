@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ class CountedMesh:
     Attributes:
         topology: what counting found.
         notes: sentences about what was left out or merged.
-        exact_vertices: False if the mesh is closed only after vertices that nearly coincide were merged.
+        exact_vertices: whether it is beyond doubt which vertices are one. False if the mesh is closed only after
+            vertices that nearly coincide were merged, or if it is open and others coincide with some on its boundary.
         faces: (F, 3) the faces that were counted, oriented as given.
     """
 
@@ -124,7 +125,8 @@ def _best_reading(vertices: Floats, faces: Integers, is_used: Booleans) -> _Read
         best = _Reading(given)
     if best.connectivity.is_closed:
         return best
-    return _nearly_closed(vertices, faces, first, merged or best.connectivity) or best
+    closed = _nearly_closed(vertices, faces, first, merged or best.connectivity)
+    return closed or replace(best, exact_vertices=not _boundary_coincides(vertices, best.connectivity))
 
 
 def _n_moved(first: Integers) -> int:
@@ -159,7 +161,7 @@ def _nearly_closed(vertices: Floats, faces: Integers, first: Integers, mesh: Mes
     is_used[first[faces]] = True
     used = np.flatnonzero(is_used)
     points = vertices[used]
-    radius = _NEARLY_EQUAL * float(np.linalg.norm(np.ptp(points, axis=0)))
+    radius = _radius(points)
     candidates = may_have_near(points, radius)
     may_move = np.zeros(len(vertices), dtype=bool)
     may_move[used[candidates]] = True
@@ -176,3 +178,17 @@ def _nearly_closed(vertices: Floats, faces: Integers, first: Integers, mesh: Mes
         "which closes the mesh."
     )
     return _Reading(merged, (note,), exact_vertices=False)
+
+
+def _boundary_coincides(vertices: Floats, mesh: MeshConnectivity) -> bool:
+    """Whether a vertex on the boundary lies (nearly) where another vertex does: a seam, or two parts that touch."""
+    used = np.unique(mesh.faces)
+    points = vertices[used]
+    on_boundary = np.isin(used, mesh.ends(mesh.uses == 1))
+    radius = _radius(points)
+    first = near_vertices(points, radius, may_have_near(points, radius))
+    return bool((np.bincount(first)[first[on_boundary]] > 1).any())
+
+
+def _radius(points: Floats) -> float:
+    return _NEARLY_EQUAL * float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.cloud.neighborhoods import thicknesses
 from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces, in_blocks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int32]
 
+_PROBES = 20_000  # points, evenly many along a curve, at which the roughness is measured
 _GRAPH = 8  # neighbors that are kept for the graph, and of the disc whose area a point stands for
 
 
@@ -26,14 +28,26 @@ class SurfaceAxes:
         neighbors: (N, 8), nearest first, without the point itself.
         planes: of these neighborhoods.
         areas: (N,), surface area that each point stands for.
-        roughness: median ratio of the thickness to the radius of the neighborhood.
+        relative_thickness: median ratio of the thickness to the radius of the neighborhood of eight.
+        thickness: median distance of sixteen neighbors from their plane, in units of length.
     """
 
     tree: cKDTree
     neighbors: Integers
     planes: Planes
     areas: Floats
-    roughness: float
+    relative_thickness: float
+    thickness: float
+
+    @property
+    def spacing(self) -> float:
+        """√(mean area), the typical distance between neighboring points."""
+        return float(np.sqrt(self.areas.mean()))
+
+    @property
+    def roughness(self) -> float:
+        """Median distance of neighbors from the local plane in spacings, as in `LocalGeometry`."""
+        return self.thickness / self.spacing
 
     @property
     def axes(self) -> Floats:
@@ -71,5 +85,6 @@ def surface_axes(points: Floats) -> SurfaceAxes:
         planes.fit(rows, points.take(index, axis=0))
 
     in_blocks(measure, count)
-    roughness = float(np.median(planes.thickness / np.maximum(radius, 1e-300)))
-    return SurfaceAxes(tree, neighbors, planes, np.pi * radius**2 / _GRAPH, roughness)
+    relative = float(np.median(planes.thickness / np.maximum(radius, 1e-300)))
+    thickness = float(np.median(thicknesses(points, tree, order[:: -(-count // _PROBES)])))
+    return SurfaceAxes(tree, neighbors, planes, np.pi * radius**2 / _GRAPH, relative, thickness)

@@ -89,11 +89,6 @@ class DenseCloud:
         kept, owner = representatives(self.points, cubes.cells(budget))
         return Samples(kept, owner, np.bincount(owner, self.surface.areas).astype(np.float64))
 
-    def disagreement(self, normals: Floats) -> float:
-        """Share of neighbor pairs whose normals (N, 3) oppose each other."""
-        opposed = [np.einsum("na,na->n", normals, normals[column]) < 0 for column in self.surface.neighbors.T]
-        return float(np.mean([column.mean() for column in opposed]))
-
     def crowded_shares(
         self, samples: Samples, normals: Floats, reach: tuple[float, ...], most_samples: int = SAMPLES
     ) -> tuple[float, ...]:
@@ -138,7 +133,7 @@ def dense_cloud(points: Floats, surface: SurfaceAxes, axes: Floats | None = None
 
 def is_noisy(surface: SurfaceAxes) -> bool:
     """Whether neighborhoods at full density are about as thick as they are wide."""
-    return surface.roughness > _NOISY
+    return surface.relative_thickness > _NOISY
 
 
 def averaged(points: Floats, tree: cKDTree) -> tuple[Integers, Floats, bool]:

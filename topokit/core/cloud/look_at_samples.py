@@ -68,8 +68,10 @@ def look_at_samples(dense: DenseCloud, cloud: Cloud) -> Look:
 
 def _closer(look: Look, more: MoreSamples, points: Floats) -> Look:
     """The same with the votes of more samples."""
-    votes, quality = more.with_votes_of_fewer(look.votes), replace(look.quality, coverage=more.cut.coverage)
+    votes = more.with_votes_of_fewer(look.votes)
     spacing, finest = typical_and_finest(more.spacings)
+    roughness = look.quality.roughness * look.spacing / spacing
+    quality = replace(look.quality, coverage=more.cut.coverage, roughness=roughness)
     look = replace(look, votes=votes, quality=quality, cut=more.cut, complex_=more.complex_, kept=more.kept)
     return replace(look, points=points, spacing=spacing, finest=finest)
 

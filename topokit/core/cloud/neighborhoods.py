@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from topokit.core.cloud.planes import WIDE, Faces, Planes, find_faces, turned_towards
 from topokit.core.linalg import normalize
@@ -137,6 +138,17 @@ def fit_planes(points: Floats, index: Integers) -> tuple[Floats, Floats]:
     return normals, thickness
 
 
+def thicknesses(points: Floats, tree: cKDTree, rows: Integers) -> Floats:
+    """Distances of some points' sixteen neighbors from their planes (M,), as `LocalGeometry.roughness` has them.
+
+    Args:
+        points: (N, 3).
+        tree: of the points.
+        rows: (M,), which of them.
+    """
+    return fit_planes(points, tree.query(points[rows], _NEAREST + 1)[1])[1]
+
+
 def centered_positions(points: Floats) -> tuple[Floats, float]:
     """Positions around the origin, in units of a power of two near the longest side of their box, and that unit.
 
@@ -226,11 +238,6 @@ def compatible_areas(normals: Floats, local: LocalGeometry, wanted: int = 8) -> 
     area = np.pi * local.distance[np.arange(len(normals)), last] ** 2 / np.maximum(k, 1)
     is_good = k >= 3
     return np.where(is_good, area, np.median(area[is_good])) if is_good.any() else local.areas
-
-
-def disagreement(normals: Floats, index: Integers, n_neighbors: int = 8) -> float:
-    """Share of neighbor pairs whose normals (N, 3) oppose each other."""
-    return float(((normals[index[:, 1 : n_neighbors + 1]] * normals[:, None]).sum(2) < 0).mean())
 
 
 def opposite_neighbors(points: Floats, normals: Floats, index: Integers) -> tuple[NDArray[np.bool_], Floats, Floats]:

@@ -2,14 +2,14 @@
 
 Two independent families look at the same samples: minimum cuts of Delaunay tetrahedra (several weights, original and
 smoothed positions, counted from inside and from outside) and winding-number fields on grids (several resolutions and
-smoothings). Of a large cloud, half as many samples are cut once more, which tests convergence, and fields vote only
-where their grids are as fine as the samples. The Euler characteristic of the surface is twice that of the solid.
+smoothings), which vote where their grids are as fine as the samples. Of a large cloud half as many samples are cut
+once more, which tests convergence. The Euler characteristic of the surface is twice that of the solid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -21,17 +21,15 @@ from topokit.core.cloud.cut_counts import solid_eulers
 from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
 from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
 from topokit.core.cloud.downsampling import thin_along_curve
+from topokit.core.cloud.fields import field_tasks
 from topokit.core.cloud.neighborhoods import (
     LocalGeometry,
     crowded_shares,
-    disagreement,
     flatten,
     local_spacings,
     typical_and_finest,
 )
-from topokit.core.grid.euler import surface_euler
-from topokit.core.grid.grid import Grid, make_grid
-from topokit.core.grid.winding_field import winding_field
+from topokit.core.neighbors import neighbor_components
 from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
@@ -40,9 +38,6 @@ Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
 
 CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
 SMOOTH_SETTINGS = CUT_SETTINGS[:2]
-FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
-"""Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
-
 CUT_FAMILIES: tuple[Family, ...] = ("cut", "smooth cut", "coarse cut", "shifted cut")
 """The families of Delaunay cuts."""
 
@@ -55,11 +50,11 @@ WEIGHTS: dict[Family, tuple[float, ...]] = {
 }
 """Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
 
+_GRAPH = 9  # columns of the nearest neighbors that join samples to parts: the sample itself and eight
 _PROBES = 2000  # samples at which sheets are looked for that are far apart in spacings
 _MOST_IN_FIELD = 200_000  # points of a large cloud that its fields are made from
 
-CROWDED_REACH = (1.5, 2.5)
-"""Distances, in sample spacings, at which an opposite sheet counts as close."""
+_NEAR, _WIDE = 1.5, 2.5  # distances, in sample spacings, at which an opposite sheet counts as close
 
 
 @dataclass(frozen=True)
@@ -91,19 +86,15 @@ class SampleQuality:
 
     Attributes:
         coverage: share of the samples on the surface of the first cut.
-        disagreement: share of neighbor pairs whose normals oppose each other.
         roughness: median distance of neighbors from the local plane, in sample spacings.
-        crowded: share of samples with an opposite sheet within 1.5 sample spacings.
-        crowded_wide: the same within 2.5 sample spacings.
+        crowded_wide: share of samples with an opposite sheet within 2.5 sample spacings.
         crowded_boundary: the same within 1.5 spacings of the points on which boundaries are looked for.
 
-    Of a large cloud these are measured on all points, as shares of the area.
+    Of a large cloud all but the coverage are measured on all points, the shares as shares of the area.
     """
 
     coverage: float
-    disagreement: float
     roughness: float
-    crowded: float
     crowded_wide: float
     crowded_boundary: float
 
@@ -150,16 +141,19 @@ def gather_votes(
         The votes, the quality of the samples, and the first cut.
     """
     spacing = float(np.sqrt(areas.mean()))
+
+    def parts() -> Integers:
+        return neighbor_components(torch.from_numpy(local.index[:, 1:_GRAPH])).numpy()
+
     with ThreadPoolExecutor(n_cores()) as threads:
         cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :]]
         smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
-        fields = [threads.submit(_field_vote, points, normals, areas, spacing, k) for k in range(len(FIELD_SETTINGS))]
+        fields = [threads.submit(task) for task in field_tasks(points, normals, areas, spacing, parts)]
         all_cuts = [*made, *(cut.result() for cut in cuts)]
         votes = _votes_of("cut", complex_, all_cuts)
-        votes += [*smooth.result(), *(field.result() for field in fields)]
-    near, wide = crowded_shares(points, normals, local.wide_index, spacing, CROWDED_REACH)
-    first, opposed = all_cuts[0], disagreement(normals, local.index)
-    return tuple(votes), SampleQuality(first.coverage, opposed, local.roughness, near, wide, near), first
+        votes += [*smooth.result(), *_field_votes(fields, len(points))]
+    near, wide = crowded_shares(points, normals, local.wide_index, spacing, (_NEAR, _WIDE))
+    return tuple(votes), SampleQuality(all_cuts[0].coverage, local.roughness, wide, near), all_cuts[0]
 
 
 def gather_dense_votes(
@@ -188,28 +182,28 @@ def gather_dense_votes(
     chosen = normals[samples.kept]
     part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), typical_and_finest(local.spacings)[1]
     areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
-    cuts, fields = [], []
+    cuts = []
     with ThreadPoolExecutor(n_cores()) as threads:
         coarse = threads.submit(_votes_of_cuts, "coarse cut", few.complex_, normals[few.kept])
-        for k, weights in enumerate(CUT_SETTINGS):  # in turn: flows hold the interpreter's lock, fields do not
-            if _field_grid(cloud.points[part], finest, k).cell <= finest:
-                fields.append(threads.submit(_field_vote, cloud.points[part], normals[part], areas, finest, k))
+        tasks = field_tasks(cloud.points[part], normals[part], areas, finest, lambda: cloud.propagation.parts[part])
+        fields = []
+        for k in range(max(len(tasks), len(CUT_SETTINGS))):  # in turn: flows hold the interpreter's lock, fields do not
+            fields += [threads.submit(task) for task in tasks[k : k + 1]]
             if k >= len(made):
-                cuts.append(threads.submit(cut_complex, complex_, chosen, weights))
-        quality = _dense_quality(cloud, normals, samples)
+                cuts += [threads.submit(cut_complex, complex_, chosen, weights) for weights in CUT_SETTINGS[k : k + 1]]
+        quality = _dense_quality(cloud, normals, samples, local.spacing)
         all_cuts = [*made, *(cut.result() for cut in cuts)]
         votes = _votes_of("cut", complex_, all_cuts)
-        votes += [*coarse.result(), *(field.result() for field in fields)]
+        votes += [*coarse.result(), *_field_votes(fields, len(part))]
     return tuple(votes), replace(quality, coverage=all_cuts[0].coverage), all_cuts[0]
 
 
-def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples) -> SampleQuality:
-    """All but the coverage, which the first cut tells."""
-    near, wide = cloud.crowded_shares(samples, normals, CROWDED_REACH)
-    coarser = CROWDED_REACH[0] * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
+def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, spacing: float) -> SampleQuality:
+    """All but the coverage, which the first cut tells; the spacing is that of the samples."""
+    (wide,) = cloud.crowded_shares(samples, normals, (_WIDE,))
+    coarser = _NEAR * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
     (boundary,) = cloud.crowded_shares(samples, normals, (coarser,), most_samples=_PROBES)
-    opposed = cloud.disagreement(normals)
-    return SampleQuality(0.0, opposed, cloud.surface.roughness, near, wide, boundary)
+    return SampleQuality(0.0, cloud.surface.thickness / spacing, wide, boundary)
 
 
 def cut_votes(complex_: DelaunayComplex, normals: Floats, made: Sequence[Cut]) -> tuple[list[Vote], Cut]:
@@ -232,15 +226,8 @@ def _votes_of(family: Family, complex_: DelaunayComplex, cuts: Sequence[Cut]) ->
     return [Vote(family, k, surface_eulers(complex_, cut), len(complex_.points)) for k, cut in enumerate(cuts)]
 
 
-def _field_vote(points: Floats, normals: Floats, areas: Floats, spacing: float, setting: int) -> Vote:
-    p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
-    field = winding_field(p, n, a, _field_grid(points, spacing, setting), FIELD_SETTINGS[setting][1])
-    return Vote("field", setting, (int(surface_euler(field.values, 0.5, connectivity=6)),), len(points))
-
-
-def _field_grid(points: Floats, spacing: float, setting: int) -> Grid:
-    per_spacing, _, most = FIELD_SETTINGS[setting]
-    return make_grid(torch.as_tensor(points, dtype=torch.float32), spacing, per_spacing, most)
+def _field_votes(fields: Sequence[Future[list[tuple[int, int]]]], n_points: int) -> list[Vote]:
+    return [Vote("field", setting, (euler,), n_points) for field in fields for setting, euler in field.result()]
 
 
 def surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
@@ -264,3 +251,8 @@ def tally(votes: Iterable[Vote]) -> tuple[int, float]:
 def values_of(votes: Sequence[Vote], *families: Family) -> list[int]:
     """All values of the votes of some families."""
     return [euler for vote in votes if vote.family in families for euler in vote.eulers]
+
+
+def share_of(euler: int, values: Sequence[int]) -> float:
+    """The share of the values that are this integer; 0 if there are none."""
+    return values.count(euler) / len(values) if values else 0.0

@@ -1,0 +1,63 @@
+"""Winding-number fields of parts that lie apart, on grids as fine as the samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from topokit.core.cloud import look_at_samples, looks
+from topokit.core.cloud.fields import FIELD_SETTINGS, field_tasks, parts_apart
+from topokit.core.cloud.votes import values_of
+from topokit.core.cloud.witness import global_witness
+from topokit.testing import sphere_samples, torus_samples
+
+SPHERE, TORUS = sphere_samples(800), torus_samples(1500)
+
+
+def row_of(count: int, distance: float, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Copies of a part along an axis, and the number of the part of each point."""
+    moved = [points + np.array([distance * k, 0.0, 0.0]) for k in range(count)]
+    return np.concatenate(moved), np.repeat(np.arange(count), len(points))
+
+
+def eulers(points: np.ndarray, normals: np.ndarray, area: float, spacing: float, parts: np.ndarray) -> list[int]:
+    areas = np.full(len(points), area / len(points))
+    found = [pair for task in field_tasks(points, normals, areas, spacing, lambda: parts) for pair in task()]
+    assert [setting for setting, _ in found] == sorted({setting for setting, _ in found})
+    return [euler for _, euler in found]
+
+
+@pytest.mark.parametrize(("known", "euler"), [(SPHERE, 2), (TORUS, 0)], ids=["spheres", "tori"])
+def test_fields_of_distant_parts_add_up(known: object, euler: int) -> None:
+    count = 4
+    points, parts = row_of(count, 80.0, known.points.numpy())  # type: ignore[attr-defined]
+    normals = np.tile(known.normals.numpy(), (count, 1))  # type: ignore[attr-defined]
+    area = count * known.area  # type: ignore[attr-defined]
+    spacing = float(np.sqrt(area / len(points)))
+    assert eulers(points, normals, area, spacing, parts) == [count * euler] * len(FIELD_SETTINGS)
+
+
+def test_fields_on_too_large_grids_do_not_vote() -> None:
+    points, _ = row_of(2, 80.0, SPHERE.points.numpy())
+    normals = np.tile(SPHERE.normals.numpy(), (2, 1))
+    one_part = np.zeros(len(points), dtype=np.int64)
+    assert eulers(points, normals, 2 * SPHERE.area, 0.02, one_part) == []
+
+
+def test_parts_within_each_other_share_a_grid() -> None:
+    inner, outer, far = SPHERE.points.numpy(), 3 * SPHERE.points.numpy(), SPHERE.points.numpy() + 20.0
+    points, parts = np.concatenate((inner, far, outer)), np.repeat([7, 3, 5], len(inner))
+    groups = parts_apart(points, parts, 0.5)
+    assert groups[0] == groups[-1] != groups[len(inner)]
+    assert set(parts_apart(points, parts, 100.0)) == {0}
+    assert len(set(parts_apart(points, np.arange(len(points)), 0.5))) == 1  # each a stray point
+
+
+def test_many_distant_parts_of_a_large_cloud_have_field_votes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(looks, "MOST_POINTS", 3000)
+    monkeypatch.setattr(look_at_samples, "SAMPLES", 2000)
+    points, _ = row_of(6, 60.0, sphere_samples(1000).points.numpy())
+    found = global_witness(torch.from_numpy(points))
+    assert (found.euler, found.components, found.preparation) == (12, 6, "sampled")
+    assert values_of(found.votes, "field") == [12, 12, 12]

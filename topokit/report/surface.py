@@ -6,6 +6,7 @@ from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.report import TopologyReport, why
+from topokit.report.wording import plural
 
 
 def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> TriangleSurface:
@@ -19,7 +20,8 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
         InputError: if there is none, or it is open, not a manifold or does not count to the report's integer.
     """
     if surface is None or len(surface.faces) == 0 or not report.closed:
-        raise InputError(f"{report.name} has no closed surface. {why(report)}")
+        ends = f"It ends along {plural(report.boundary_loops, 'boundary loop')}. " if report.boundary_loops else ""
+        raise InputError(f"{report.name} has no closed surface. {ends}{why(report)}")
     topology = mesh_topology(surface.vertices, surface.faces)
     if not topology.is_closed or topology.euler != report.euler:
         found = f"counts to χ = {topology.euler}" if topology.is_closed else "is not a closed manifold"

@@ -20,7 +20,7 @@ RANDOM = 25  # more samples than this are never missing between random ones
 
 def patches_of(points: Floats, normals: Floats) -> tuple[UncoveredPatch, ...]:
     complex_ = delaunay_complex(points, local_spacings(points))
-    return uncovered_patches(complex_, cut_complex(complex_, normals).inside)
+    return uncovered_patches(complex_, cut_complex(complex_, normals).inside, points)
 
 
 def sphere(n_points: int, seed: int = 0) -> Floats:
@@ -58,3 +58,13 @@ def test_a_long_narrow_strip_counts_although_no_place_in_it_is_far_from_samples(
     cut_out = (np.abs(points[:, 2]) < 2.2 * spacing) & (points[:, 0] > 0)
     lids = patches_of(points[~cut_out], points[~cut_out])
     assert lids[0].missing > 2 * RANDOM
+
+
+def test_points_between_sparse_samples_cover_the_surface() -> None:
+    points = sphere(20_000)
+    sparse = (points[:, 2] < 0.8) | (np.arange(len(points)) % 10 == 0)
+    samples = points[sparse]
+    complex_ = delaunay_complex(samples, (4 * math.pi / len(points)) ** 0.5)
+    inside = cut_complex(complex_, samples).inside
+    assert uncovered_patches(complex_, inside, samples)[0].missing > 2 * RANDOM
+    assert max((patch.missing for patch in uncovered_patches(complex_, inside, points)), default=0.0) < RANDOM

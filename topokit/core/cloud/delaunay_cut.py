@@ -57,6 +57,8 @@ class DelaunayComplex:
         centers: (T, 3), of the circumspheres; of slivers the centroid.
         sphere_cost: (T, 4), from 0 where the spheres on both sides meet the facet far from their center to 1.
         hull: (H, 3), vertex indices of the convex hull's triangles.
+        middle: (3,), center of the samples' box before they were centered.
+        unit_length: the median spacing before they were scaled.
     """
 
     points: Floats
@@ -68,6 +70,12 @@ class DelaunayComplex:
     centers: Floats
     sphere_cost: Floats
     hull: Integers
+    middle: Floats
+    unit_length: float
+
+    def normalized(self, points: Floats) -> Floats:
+        """Points (M, 3) from where the samples came, centered and scaled as these."""
+        return (points - self.middle) / self.unit_length
 
     @cached_property
     def corner_directions(self) -> Floats:
@@ -162,7 +170,9 @@ def delaunay_complex(points: Floats, spacing: float | Floats) -> DelaunayComplex
     hull = triangulation.convex_hull.astype(np.int64)
     squared = spacing.take(tetrahedra) ** 2
     area = length / 2 / ((squared.sum(1, keepdims=True) - squared) / 3)  # of the three corners of each facet
-    return DelaunayComplex(points, spacing, tetrahedra, neighbors, area, normal, center, sphere_cost, hull)
+    return DelaunayComplex(
+        points, spacing, tetrahedra, neighbors, area, normal, center, sphere_cost, hull, middle, unit_length
+    )
 
 
 def _along_curve(

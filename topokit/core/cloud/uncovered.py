@@ -36,22 +36,24 @@ class UncoveredPatch:
     samples: Integers
 
 
-def uncovered_patches(complex_: DelaunayComplex, inside: Booleans) -> tuple[UncoveredPatch, ...]:
+def uncovered_patches(complex_: DelaunayComplex, inside: Booleans, cloud: Floats) -> tuple[UncoveredPatch, ...]:
     """The uncovered patches of the solid's surface, largest first.
 
-    A facet is uncovered if its point farthest from its corners has no sample within 1.5 spacings, where the spacing is
-    the widest of those at its corners.
+    A facet is uncovered if its point farthest from its corners has no point of the cloud within 1.5 spacings, where the
+    spacing is the widest of those at its corners. Samples of a large cloud are sparse where it is flat, so facets there
+    may be wide; but the cloud covers them.
 
     Args:
-        complex_: tetrahedra of N points.
+        complex_: tetrahedra of N samples.
         inside: (T,).
+        cloud: (M, 3), all points, of which the samples are a part.
     """
     tetrahedron, corner = separating_facets(complex_, inside)
     facets = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
     spacing = complex_.spacing[facets].max(1, initial=0.0)
     place, radius = _farthest_places(complex_.points[facets])
     wide = np.flatnonzero(radius > _FAR * spacing)  # no place of a facet is farther from all samples than from corners
-    distance = cKDTree(complex_.points).query(place[wide])[0]
+    distance = cKDTree(complex_.normalized(cloud)).query(place[wide])[0]
     found = wide[distance > _FAR * spacing[wide]]
     patch = _across_edges(facets[found])
     missing = np.bincount(patch, complex_.facet_area[tetrahedron[found], corner[found]])

@@ -127,7 +127,7 @@ def global_witness(
         return _as_wire(witness, look.wire)
     surface, patches = (
         cut_surface(look.complex_, look.cut.inside, euler),
-        uncovered_patches(look.complex_, look.cut.inside),
+        uncovered_patches(look.complex_, look.cut.inside, positions[kept]),
     )
     used = kept[look.kept]
     surface = replace(surface, points=used[surface.points])

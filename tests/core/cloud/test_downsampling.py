@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from topokit.core.cloud.cubes import curve_order
-from topokit.core.cloud.downsampling import Criterion, distinct, downsample, thin_along_curve
+from topokit.core.cloud.downsampling import Criterion, downsample, thin_along_curve
 from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
@@ -116,12 +116,3 @@ def test_thinning_along_the_curve_keeps_proportions() -> None:
     assert (np.diff(key.astype(np.float64)) >= 0).all()
     jump = np.linalg.norm(np.diff(points[order], axis=0), axis=1)
     assert np.median(jump) < 0.05  # neighbors along the curve are neighbors in space
-
-
-def test_distinct_positions_and_who_shares_them() -> None:
-    points = sphere_samples(500).points.numpy()
-    points[0, 0] = 0.0
-    repeated = np.concatenate((points, points[:100], points[:1] * [-1.0, 1, 1]))  # −0 is 0
-    first, owner = distinct(repeated)
-    np.testing.assert_array_equal(first, np.arange(500))
-    np.testing.assert_array_equal(repeated[first[owner]], repeated)

@@ -13,6 +13,7 @@ from torch import Tensor
 from topokit.adapters.points.files import read_points
 from topokit.adapters.points.large import FEW, reduced_samples, stored_cloud
 from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
+from topokit.core.cloud.copies import places
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, largest_coordinate
@@ -62,8 +63,12 @@ def from_points(
         client: a `dask.distributed.Client` whose workers read the blocks; by default this process, one by one.
 
     Returns:
-        A `Shape`, differentiable in points and normals. Rows that are not finite are dropped on the CPU; the report
-        counts them. On accelerators, and in batches, they stay: NaN in gives NaN out, and `report` refuses them.
+        A `Shape`, differentiable in points and normals. On the CPU rows that are not finite are dropped, and points
+        that repeat others are merged: those at one position, and where many have copies that are ten times nearer to
+        each other than to any other point, these too. The mean stands for them, with the mean of their normals up to
+        sign, and its gradient is shared among them; the report counts both, and `samples` has fewer rows, which are
+        copies that do not follow later changes in place. On accelerators, and in batches, all rows stay: NaN in gives
+        NaN out, and `report` refuses it.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -104,11 +109,14 @@ def from_points(
     sizes = None if lengths is None else checked_lengths(lengths, positions, given_or_default(n_neighbors) + 1)
     if sizes is not None:
         positions, directions = without_padding(positions, directions, sizes)
-    if positions.ndim == 2 and not stays_on_device(positions):
+    is_checked = positions.ndim == 2 and not stays_on_device(positions)
+    if is_checked:
         positions, directions = _valid_rows(positions, directions, notes)
     samples = SurfaceSamples(positions, directions, lengths=sizes)
+    if is_checked:
+        samples = _one_per_place(samples, given_or_default(n_neighbors), notes)
     shape = Shape(samples, name=name, notes=tuple(notes), n_neighbors=n_neighbors)
-    if positions.ndim == 2 and not stays_on_device(positions):
+    if is_checked:
         _check_places(positions.detach())
     return shape.regularized() if regularize else shape
 
@@ -186,6 +194,31 @@ def _valid_rows(points: Tensor, normals: Tensor | None, notes: list[str]) -> tup
         return points, None
     notes.append(f"{what}; their points were dropped.")
     return points[valid], normals[valid]
+
+
+def _one_per_place(samples: SurfaceSamples, n_neighbors: int, notes: list[str]) -> SurfaceSamples:
+    """The mean of the points at each place, and of their normals up to sign; what is merged is noted.
+
+    A cloud with too few places for its neighbors stays as it is: it is no surface, and its report says why.
+    """
+    points, normals = samples.points, samples.normals
+    directions = None if normals is None else normals.detach().double().numpy()
+    kept, owner = (torch.from_numpy(index) for index in places(points.detach().double().numpy(), directions))
+    if len(kept) == len(points) or len(kept) <= n_neighbors:
+        return samples
+    notes.append(f"{len(points) - len(kept)} of {len(points)} points repeat others and were merged with them.")
+    merged = _means(points, kept, owner)
+    if normals is None:
+        return SurfaceSamples(merged)
+    is_opposite = (normals.detach() * normals.detach()[kept][owner]).sum(-1, keepdim=True) < 0
+    return SurfaceSamples(merged, _means(torch.where(is_opposite, -normals, normals), kept, owner))
+
+
+def _means(values: Tensor, kept: Tensor, owner: Tensor) -> Tensor:
+    """Mean of the rows (N, 3) of each owner; equal rows have exactly their value."""
+    base = values.detach()[kept]
+    weight = (1 / torch.bincount(owner).to(values))[owner, None]
+    return base.index_add(0, owner, weight * (values - base[owner]))
 
 
 def _usable(points: Tensor) -> tuple[Tensor, str]:

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.cloud.downsampling import distinct
+from topokit.core.cloud.copies import distinct
 from topokit.core.labels import count_distinct
 
 Floats = NDArray[np.float64]

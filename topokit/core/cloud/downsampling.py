@@ -93,19 +93,6 @@ def even_cells(points: Floats, n_cells: int) -> Integers:
     return np.unique(cube, return_inverse=True)[1].ravel()
 
 
-def distinct(points: Floats) -> tuple[Integers, Integers]:
-    """Indices of the first point at each position, ascending, and for every point (N,) its position in that list."""
-    factors = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-    bits = (points + 0.0).view(np.uint64)  # −0 becomes 0
-    bits ^= bits >> np.uint64(32)  # single precision leaves the lower half empty, and products with it
-    _, first, group = np.unique((bits * factors).sum(1), return_index=True, return_inverse=True)
-    if not (points[first[group]] == points).all():  # two positions with one hash
-        _, first, group = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    rank = np.empty_like(first)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return np.sort(first), rank[group.ravel()]
-
-
 def thin_along_curve(points: Floats, most: int) -> Integers:
     """Indices, ascending, of every n-th point along a Z-order curve, at most `most`: density keeps its proportions."""
     if len(points) <= most:

@@ -9,7 +9,8 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud.axes import surface_axes
-from topokit.core.cloud.downsampling import Criterion, distinct, downsample
+from topokit.core.cloud.copies import distinct
+from topokit.core.cloud.downsampling import Criterion, downsample
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.cloud.copies import distinct
 from topokit.core.cloud.cubes import curve_order
 from topokit.core.cloud.cut_counts import count_parts
 from topokit.core.cloud.cut_surface import cut_surface
 from topokit.core.cloud.dense import MOST_POINTS, thinned
-from topokit.core.cloud.downsampling import distinct
 from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
 from topokit.core.cloud.look import Cloud, Look
 from topokit.core.cloud.looks import look_at

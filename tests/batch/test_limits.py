@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,22 +21,29 @@ def after_death(task: object, how: str) -> str:
     return f"{task}: {how}"
 
 
+def results(numbered: Iterable[tuple[int, Any]]) -> list[Any]:
+    """Those of one process, which come in the order of the tasks."""
+    numbers, found = zip(*numbered, strict=True)
+    assert numbers == tuple(range(len(numbers)))
+    return list(found)
+
+
 def test_a_task_that_takes_too_long_is_ended() -> None:
     started = time.monotonic()
-    found = list(map_in_processes(time.sleep, [0.0, 300.0, 0.0], 1, after_death, Limits(seconds=2)))
+    found = results(map_in_processes(time.sleep, [0.0, 300.0, 0.0], 1, after_death, Limits(seconds=2)))
     assert found == [None, "300.0: it took longer than the time limit of 2 s", None]
     assert time.monotonic() - started < 200
 
 
 def test_the_time_to_read_an_answer_is_not_the_task_s() -> None:
     slow_to_read = "type('Slow', (), {'__reduce__': lambda self: (__import__('time').sleep, (3,))})()"
-    found = list(map_in_processes(eval, [slow_to_read, "2 + 2"], 1, after_death, Limits(seconds=2)))
+    found = results(map_in_processes(eval, [slow_to_read, "2 + 2"], 1, after_death, Limits(seconds=2)))
     assert found == [None, 4]
 
 
 def test_a_task_that_fills_memory_is_ended() -> None:
     tasks = ["1 + 1", f"len([{HOG} for _ in range(64)])", "2 + 2"]
-    found = list(map_in_processes(eval, tasks, 1, after_death, Limits(gibibytes=1.5)))
+    found = results(map_in_processes(eval, tasks, 1, after_death, Limits(gibibytes=1.5)))
     assert found[::2] == [2, 4]
     assert str(found[1]).endswith("it needed more than the memory limit of 1.5 GiB")
 
@@ -42,7 +51,7 @@ def test_a_task_that_fills_memory_is_ended() -> None:
 def test_a_process_that_keeps_memory_is_replaced() -> None:
     keep = f"(globals().update(kept={HOG}), __import__('os').getpid())[1]"
     process = "__import__('os').getpid()"
-    found = list(map_in_processes(eval, [process, keep, process], 1, after_death, Limits(gibibytes=2)))
+    found = results(map_in_processes(eval, [process, keep, process], 1, after_death, Limits(gibibytes=2)))
     assert found[0] == found[1] != found[2]
 
 

@@ -139,7 +139,11 @@ def test_seed_and_k_reach_the_core(files: Path) -> None:
     ]
     assert answers[0] == answers[1]
     assert answers[2] == answers[3]
-    assert len(set(answers)) == 5
+    assert answers[5] == answers[0], "reports do not depend on the number of neighbors"
+    assert len(set(answers)) == 4
+    for k in (12, 30):
+        assert invoke("curvature", files / "double.obj", "-k", k, "-o", files / f"{k}.ply").exit_code == 0
+    assert (files / "12.ply").read_bytes() != (files / "30.ply").read_bytes()
 
 
 # options of adapters

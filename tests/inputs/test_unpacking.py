@@ -66,12 +66,13 @@ def test_a_truncated_packed_file_is_called_damaged(name: str, n_bytes: int, tmp_
 
 @pytest.mark.parametrize(("suffix", "expected"), [(".ply", "b'ply'"), (".npy", "NUMPY"), (".npz", "PK")])
 def test_another_file_under_a_suffix_of_several_adapters(suffix: str, expected: str, tmp_path: Path) -> None:
-    (tmp_path / f"a{suffix}").write_text("0.25 0.5 1\n" * 40)
-    (tmp_path / f"a{suffix}.gz").write_bytes(gzip.compress(b"0.25 0.5 1\n" * 40))
+    text = "".join(f"0.25 0.5 1\n0.25 0.5 {number}\n" for number in range(2, 42))
+    (tmp_path / f"a{suffix}").write_text(text)
+    (tmp_path / f"a{suffix}.gz").write_bytes(gzip.compress(text.encode()))
     for name in (f"a{suffix}", f"a{suffix}.gz"):
         with pytest.raises(ReadError, match=rf"a\{suffix}(\.gz)? begins with b'0\.25 0\.5 1.*{expected}"):
             tk.load(tmp_path / name)
-    assert tk.load(tmp_path / f"a{suffix}", format="xyz", n_neighbors=3).samples.n_points == 40
+    assert tk.load(tmp_path / f"a{suffix}", format="xyz", n_neighbors=3).samples.n_points == 41
 
 
 def test_a_bomb_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

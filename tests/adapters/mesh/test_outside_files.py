@@ -24,6 +24,20 @@ LAUGHS = '<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">{}]>'.format(
 )
 
 
+def watch_opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """A list to which the name of every file that is opened from now on is added."""
+    opened: list[str] = []
+    usual = io.open
+
+    def watched(file: Any, *rest: Any, **more: Any) -> Any:
+        opened.append(str(file))
+        return usual(file, *rest, **more)
+
+    monkeypatch.setattr("builtins.open", watched)
+    monkeypatch.setattr("io.open", watched)
+    return opened
+
+
 def scene() -> tuple[dict[str, Any], bytes]:
     return gltf_parts(np.random.default_rng(0))
 
@@ -69,15 +83,7 @@ def test_textures_and_materials_are_not_opened(tmp_path: Path, monkeypatch: pyte
         b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
     }
     (tmp_path / "secret.png").write_bytes(b"not to be opened")
-    opened: list[str] = []
-    usual = io.open
-
-    def watched(file: Any, *rest: Any, **more: Any) -> Any:
-        opened.append(str(file))
-        return usual(file, *rest, **more)
-
-    monkeypatch.setattr("builtins.open", watched)
-    monkeypatch.setattr("io.open", watched)
+    opened = watch_opened(monkeypatch)
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
         assert len(read_mesh(tmp_path / name)[1]) > 0
@@ -245,15 +251,7 @@ def test_what_a_collada_file_names_is_not_opened(tmp_path: Path, monkeypatch: py
     image = f"<library_images>{image}</library_images>"
     (tmp_path / "f.dae").write_text(text.replace("<library_geometries>", f"{image}<library_geometries>"))
     assert "secret" in (tmp_path / "f.dae").read_text()
-    opened: list[str] = []
-    usual = io.open
-
-    def watched(file: Any, *rest: Any, **more: Any) -> Any:
-        opened.append(str(file))
-        return usual(file, *rest, **more)
-
-    monkeypatch.setattr("builtins.open", watched)
-    monkeypatch.setattr("io.open", watched)
+    opened = watch_opened(monkeypatch)
     assert len(read_mesh(tmp_path / "f.dae")[1]) == 12
     assert not [name for name in opened if "secret" in name]
 

@@ -125,10 +125,8 @@ def global_witness(
     )
     if look.wire is not None:
         return _as_wire(witness, look.wire)
-    surface, patches = (
-        cut_surface(look.complex_, look.cut.inside, euler),
-        uncovered_patches(look.complex_, look.cut.inside, positions[kept]),
-    )
+    surface = cut_surface(look.complex_, look.cut.inside, euler)
+    patches = uncovered_patches(look.complex_, look.cut.inside, positions[kept])
     used = kept[look.kept]
     surface = replace(surface, points=used[surface.points])
     uncovered = tuple(replace(patch, samples=used[patch.samples]) for patch in patches)

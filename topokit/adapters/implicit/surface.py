@@ -28,6 +28,7 @@ from topokit.core.implicit.convergence import ConvergenceStudy, convergence_stud
 from topokit.core.implicit.level_set import (
     area_weighted_starts,
     edge_crossings,
+    follow,
     implicit_point,
     outward_normals,
     project,
@@ -122,15 +123,13 @@ class ImplicitSurface:
         """The starts moved onto the zero set, and normals; those that do not reach it are left out."""
         starts = starts.detach().to(self.function.device, self.function.dtype)
         reach = 2 * Grid.covering(*self.bounds, 2 * COARSEST).step
-        _, gradient = self.function.value_and_gradient(starts)
-        normals = outward_normals(gradient, starts.new_tensor((0.0, 0.0, 1.0)))
-        points, is_on = project(self.function.value_and_gradient, starts, normals, reach)
-        if not bool(is_on.any()):
+        points, normals = follow(self.function.value_and_gradient, starts, reach)
+        if len(points) == 0:
             raise InputError(
                 f"none of the {len(starts)} starts is within {reach:.3g} of the level set of {self.function.name}: "
                 "leave starts out, so that it is looked for on grids."
             )
-        return points[is_on], normals[is_on]
+        return points, normals
 
     def answer(self) -> CountedAnswer:
         """The integer, from grids that are refined up to the resolution.

@@ -10,7 +10,7 @@ from topokit.core.grid.filters import gaussian, spline_coefficients
 from topokit.core.grid.grid import Grid, Spacing, occupied_box
 from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.grid.splines import GridSampler
-from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, outward_normals, project
+from topokit.core.implicit.level_set import area_weighted_starts, follow, implicit_point, outward_normals, project
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 
@@ -45,20 +45,19 @@ def volume_samples(
     x, y, z = field.shape
     surface = _QuadraticSpline(field, grid.spacing)
     corner = torch.tensor(grid.origin, dtype=torch.float64) + torch.tensor(first) * surface.spacing
+    reach = _REACH * grid.step
     if starts is None:
         points, normals = area_weighted_starts(field.detach(), Grid((x, y, z), grid.spacing), n_samples, generator)
+        found, is_on = project(surface.detached, points, normals, reach)
+        points = torch.where(is_on[:, None], found, points)
     else:
-        points = starts.detach().to(corner) - corner
-        normals = outward_normals(surface.detached(points)[1], points.new_tensor((0.0, 0.0, 1.0)))
-    found, is_on = project(surface.detached, points, normals, _REACH * grid.step)
-    if starts is not None:
-        points, normals, found, is_on = (part[is_on] for part in (points, normals, found, is_on))
+        points, normals = follow(surface.detached, starts.detach().to(corner) - corner, reach)
+        is_on = torch.ones(len(points), dtype=torch.bool)
         if len(points) == 0:
             raise InputError(
-                f"none of the {len(starts)} starts is within {_REACH * grid.step:.3g} of the volume's surface: leave "
-                "starts out, so that samples are drawn."
+                f"none of the {len(starts)} starts is within {reach:.3g} of the volume's surface: leave starts out, so "
+                "that samples are drawn."
             )
-    points = torch.where(is_on[:, None], found, points)
     value, gradient = surface(points)
     moved = implicit_point(value, points, gradient * is_on[:, None])
     normals = torch.where(is_on[:, None], outward_normals(surface(moved)[1], normals), normals)

@@ -125,6 +125,20 @@ def project(function: ValueAndGradient, starts: Tensor, normals: Tensor, reach: 
     return points, is_on
 
 
+def follow(function: ValueAndGradient, starts: Tensor, reach: float) -> tuple[Tensor, Tensor]:
+    """Starts (N, 3) moved onto the level set, and the normals by which they went, each (M, 3); M are near enough.
+
+    Args:
+        function: as for `project`.
+        starts: (N, 3).
+        reach: largest distance by which a start is moved.
+    """
+    _, gradient = function(starts)
+    normals = outward_normals(gradient, starts.new_tensor((0.0, 0.0, 1.0)))
+    points, is_on = project(function, starts, normals, reach)
+    return points[is_on], normals[is_on]
+
+
 def _precision(dtype: torch.dtype) -> float:
     """Length of the last Newton step, relative to `reach`, from which on a point counts as projected."""
     return max(4 * torch.finfo(dtype).eps, 1e-12) if dtype == torch.float64 else 64 * torch.finfo(dtype).eps

@@ -25,7 +25,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.spatial import cKDTree
 
 import topokit as tk
-from topokit.core.kd_tree import nearest_in_tree
+from topokit.core.neighbors.kd_tree import nearest_in_tree
 from topokit.testing import AnalyticSamples, torus_samples
 
 SIZES = [10_000, 100_000]

@@ -20,7 +20,7 @@ import torch
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.device_neighbors import device_neighbors
+from topokit.core.neighbors.device import device_neighbors
 from topokit.testing import torus_samples
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))

@@ -49,7 +49,7 @@ def test_gradcheck_in_points_and_normals(with_normals: bool, generator: torch.Ge
 def test_checkpointed_chunks_have_the_same_gradient(monkeypatch: pytest.MonkeyPatch) -> None:
     gradients = []
     for chunk in (4096, 70):
-        monkeypatch.setattr("topokit.core.chunks.in_chunks.__defaults__", (chunk,))
+        monkeypatch.setattr("topokit.core.local.chunks.in_chunks.__defaults__", (chunk,))
         points = torus_samples(300).points.clone().requires_grad_()
         local = curvature(points)
         euler_characteristic(local.gaussian, local.area).backward()

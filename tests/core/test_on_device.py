@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 import topokit as tk
-from topokit.core.jacobi import eigenvector_by_rotations
+from topokit.core.linalg import eigenvector_by_rotations
 from topokit.core.local.curvature import CurvatureSettings, surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.voronoi import exact_cell_areas

@@ -16,8 +16,8 @@ from torch import Tensor
 from torch.fx.experimental.proxy_tensor import make_fx
 
 import topokit as tk
-from topokit.core.device_neighbors import MOST_FOR_ALL_PAIRS
 from topokit.core.grid.field import GridField
+from topokit.core.neighbors.device import MOST_FOR_ALL_PAIRS
 from topokit.testing import as_on_accelerator, ellipsoid_samples, sphere_samples, torus_samples
 
 Inputs = tuple[Tensor, ...]

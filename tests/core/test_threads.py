@@ -11,7 +11,7 @@ import torch
 
 from topokit.core.cloud import witness
 from topokit.core.cloud.votes import Vote
-from topokit.core.threads import one_thread
+from topokit.core.processors import one_thread
 from topokit.testing import sphere_samples
 
 

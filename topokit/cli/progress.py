@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import TYPE_CHECKING, TypeVar
 
-from topokit.core.stages import listening
+from topokit.core.progress import listening
 from topokit.ending import finally_do
 from topokit.report.progress import time_left
 from topokit.text import printable

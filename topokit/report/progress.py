@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Timer
 
-from topokit.core.stages import listening
+from topokit.core.progress import listening
 
 _PATIENCE = 3.0  # seconds before anything is shown
 _FEWEST = 3_000  # points that may take so long

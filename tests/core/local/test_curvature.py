@@ -137,7 +137,7 @@ def test_normals_of_pca_are_those_of_open3d() -> None:
 def test_batches_equal_their_items_and_chunks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     items = [torus_samples(600).points, sphere_samples(600).points]
     single = [surface_curvature(SurfaceSamples(points)) for points in items]
-    monkeypatch.setattr("topokit.core.chunks.in_chunks.__defaults__", (170,))
+    monkeypatch.setattr("topokit.core.local.chunks.in_chunks.__defaults__", (170,))
     batch = surface_curvature(SurfaceSamples(torch.stack(items)[None]))
     assert batch.gaussian.shape == (1, 2, 600)
     assert batch.directions.shape == (1, 2, 600, 2, 3)

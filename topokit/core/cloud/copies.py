@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.labels import connected_labels
+from topokit.core.neighbors.kd_tree import nearest_in_tree
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

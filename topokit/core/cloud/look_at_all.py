@@ -17,7 +17,7 @@ from topokit.core.cloud.planes import turned_towards
 from topokit.core.cloud.votes import gather_votes, tally
 from topokit.core.cloud.widening import Widening, widened
 from topokit.core.cloud.wires import WireReading
-from topokit.core.stages import begin, stages
+from topokit.core.progress import begin, stages
 
 Floats = NDArray[np.float64]
 

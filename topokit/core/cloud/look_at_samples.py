@@ -17,7 +17,7 @@ from topokit.core.cloud.more_samples import MoreSamples, more_samples
 from topokit.core.cloud.neighborhoods import LocalGeometry, local_geometry, typical_and_finest
 from topokit.core.cloud.orientation import Orientation, compare_normals, orient_by_patches
 from topokit.core.cloud.votes import coarse_samples, cut_votes, gather_dense_votes, tally
-from topokit.core.stages import begin
+from topokit.core.progress import begin
 
 Floats = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from topokit.core.cloud.look_at_all import look_at_all
 from topokit.core.cloud.look_at_samples import look_at_samples
 from topokit.core.cloud.solidity import fills_space
 from topokit.core.cloud.wires import WireReading, looks_narrow, read_wire
-from topokit.core.kd_tree import nearest_in_tree
-from topokit.core.stages import begin
+from topokit.core.neighbors.kd_tree import nearest_in_tree
+from topokit.core.progress import begin
 from topokit.errors import InputError
 
 Floats = NDArray[np.float64]

@@ -35,9 +35,9 @@ from topokit.core.cloud.stage_seconds import stage_seconds
 from topokit.core.cloud.uncovered import uncovered_patches
 from topokit.core.cloud.votes import tally
 from topokit.core.cloud.wires import WireReading
-from topokit.core.kd_tree import nearest_in_tree
-from topokit.core.stages import stages
-from topokit.core.threads import one_thread
+from topokit.core.neighbors.kd_tree import nearest_in_tree
+from topokit.core.processors import one_thread
+from topokit.core.progress import stages
 from topokit.errors import InputError
 
 __all__ = ["Signs", "SmoothedLook", "Witness", "global_witness"]

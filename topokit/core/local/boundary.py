@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.chunks import in_chunks
 from topokit.core.labels import connected_labels
 from topokit.core.linalg import normalize, squared_norm, tangent_basis
+from topokit.core.local.chunks import in_chunks
 from topokit.core.local.curvature import at_neighbors, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.voronoi import CellVertices, cell_vertices, exact_cell_areas

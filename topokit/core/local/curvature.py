@@ -9,8 +9,8 @@ from typing import Literal, get_args
 import torch
 from torch import Tensor
 
-from topokit.core.chunks import in_chunks
 from topokit.core.linalg import determinant, eigenvalues, eigenvectors, normalize, tangent_basis, trace
+from topokit.core.local.chunks import in_chunks
 from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.quadric import fit_quadrics
 from topokit.core.local.voronoi import AreaMethod, cell_areas

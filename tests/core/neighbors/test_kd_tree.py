@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from topokit.core.kd_tree import nearest_in_tree
+from topokit.core.neighbors.kd_tree import nearest_in_tree
 
 INTERRUPTED = """
 import os, signal, threading
 import numpy as np
 from scipy.spatial import cKDTree
-from topokit.core.kd_tree import nearest_in_tree
+from topokit.core.neighbors.kd_tree import nearest_in_tree
 signal.signal(signal.SIGINT, signal.default_int_handler)
 points = np.random.default_rng(0).random((120_000, 3))
 tree = cKDTree(points)

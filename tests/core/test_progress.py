@@ -6,7 +6,7 @@ import pytest
 import torch
 
 import topokit as tk
-from topokit.core.stages import begin, listening, stages
+from topokit.core.progress import begin, listening, stages
 from topokit.report.progress import time_left
 from topokit.testing import torus_samples
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.core.selection import Selection, blocks, k_smallest, k_smallest_if_clear, squared_distances
+from topokit.core.neighbors.pairs import Selection, blocks, k_smallest, k_smallest_if_clear, squared_distances
 
 _LEAF = 16  # points of a leaf, at most
 _WIDTH = 16  # leaves compared with a leaf of queries in the first round: on surfaces most 20 neighbors are among them
@@ -48,11 +48,6 @@ class KdOrder:
     index: Tensor
     boxes: tuple[Tensor, ...]
     n_lists: int
-
-    @property
-    def n_leaves(self) -> int:
-        """Leaves of each list, L."""
-        return len(self.points) // self.n_lists
 
     def nearest_leaves(self, low: Tensor, high: Tensor, lists: Tensor, width: int) -> tuple[Tensor, Tensor]:
         """Some leaves whose boxes are near to a box, and a squared distance below which there is no other.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from topokit.core.kd_order import kd_order_neighbors
-from topokit.core.selection import blocks, k_smallest, squared_distances
+from topokit.core.neighbors.kd_order import kd_order_neighbors
+from topokit.core.neighbors.pairs import blocks, k_smallest, squared_distances
 
 # All pairs take no look at the device, the tree one per round; but at this number the tree has 16 times less to do.
 MOST_FOR_ALL_PAIRS = 4096

@@ -9,20 +9,16 @@ from typing import Literal, get_args
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.device_neighbors import device_neighbors
-from topokit.core.kd_tree import nearest_in_tree
 from topokit.core.labels import connected_labels
+from topokit.core.neighbors.device import device_neighbors
+from topokit.core.neighbors.kd_tree import kd_tree_neighbors
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import enough_neighbors, enough_points
 from topokit.errors import InputError
 
 SearchMethod = Literal["auto", "kd-tree", "device"]
-
-_SAMPLE = 1000  # points among which coinciding ones are looked for
 
 
 def nearest_neighbors(
@@ -58,7 +54,7 @@ def nearest_neighbors(
         found = device_neighbors(items, n_neighbors, sizes)
     else:
         counts = [n_points] * len(items) if sizes is None else sizes.tolist()
-        trees = [_kd_tree(item[:count].cpu(), n_neighbors) for item, count in zip(items, counts, strict=True)]
+        trees = [kd_tree_neighbors(item[:count].cpu(), n_neighbors) for item, count in zip(items, counts, strict=True)]
         found = torch.stack([_with_padding(tree, n_points) for tree in trees]).to(points.device)
     return found.reshape(*points.shape[:-1], n_neighbors)
 
@@ -96,41 +92,6 @@ def neighbor_components(neighbors: Tensor) -> Tensor:
     columns = neighbors.cpu().numpy().ravel()
     rows = np.repeat(np.arange(n_points), n_neighbors)
     return torch.from_numpy(connected_labels(n_points, rows, columns)).to(neighbors.device)
-
-
-def _kd_tree(points: Tensor, n_neighbors: int) -> Tensor:
-    coordinates = points.double().numpy()
-    rows = _without_many_copies(coordinates, n_neighbors + 1)
-    tree = cKDTree(coordinates[rows], balanced_tree=False, compact_nodes=False)
-    is_whole = len(rows) == len(coordinates)
-    order = tree.indices if is_whole else np.arange(len(coordinates))  # in tree order 100 000 queries are twice as fast
-    in_order = nearest_in_tree(tree, coordinates[order], n_neighbors + 1)
-    if in_order.max() == len(rows):  # what SciPy returns for a neighbor at infinite distance
-        raise InputError("the coordinates are too large for distances between points: scale them down.")
-    found = np.empty((len(order), n_neighbors + 1), dtype=np.int64)
-    found[order] = in_order if is_whole else rows[in_order]
-    own = np.arange(len(found))[:, None]
-    if (found[:, :1] == own).all():
-        return torch.from_numpy(found)[:, 1:]
-    itself = found == own  # duplicates may come before the point itself
-    itself[~itself.any(axis=1), -1] = True  # more duplicates than neighbors: drop the last
-    return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors))
-
-
-def _without_many_copies(coordinates: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Indices of all points, or of at most `most` at each place where a sample shows that many coincide.
-
-    Points in one place cannot be told apart by a tree, so that queries among them would take quadratic time.
-    """
-    count = len(coordinates)
-    sample = coordinates[:: max(1, count // _SAMPLE)]
-    if count <= _SAMPLE or 2 * len(np.unique(sample, axis=0)) > len(sample):
-        return np.arange(count)
-    place = np.unique(coordinates, axis=0, return_inverse=True)[1].ravel()
-    order = np.argsort(place, kind="stable")
-    is_first = np.append(True, place[order][1:] != place[order][:-1])
-    start = np.maximum.accumulate(np.where(is_first, np.arange(count), 0))
-    return np.sort(order[np.arange(count) - start < most])
 
 
 def _with_padding(neighbors: Tensor, n_points: int) -> Tensor:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.device_neighbors import device_neighbors
 from topokit.core.neighbors import nearest_neighbors
+from topokit.core.neighbors.device import device_neighbors
 from topokit.core.residence import as_on_accelerator
 from topokit.errors import InputError
 from topokit.testing import torus_samples

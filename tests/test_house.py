@@ -102,6 +102,19 @@ def test_no_adapter_imports_another() -> None:
                 assert module.split(".")[2] == own, f"{path.name} imports {module}"
 
 
+def test_rooms_that_serve_every_adapter_know_none() -> None:
+    """Adapters declare what they can do; only the registry lists the built-in ones."""
+    names = {"mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d"}
+    for path in (path for room in ("batch", "cli", "plugins") for path in (ROOT / room).rglob("*.py")):
+        texts = {node.value for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if is_text(node)}
+        assert path.name == "registry.py" or not texts & names, f"{path.name} names {texts & names}"
+        assert not [module for module in imported(path) if module.startswith("topokit.adapters")], path.name
+
+
+def is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+
+
 def test_public_names_are_there_and_few() -> None:
     assert len(topokit.__all__) <= 39
     assert sorted(topokit.__all__) == topokit.__all__

@@ -119,7 +119,7 @@ def test_labels_have_rows_of_their_own(tmp_path: Path) -> None:
     shutil.copy(DATA / "sphere.ply", tmp_path)
     rows = tk.survey(tmp_path, labels="all", connectivity=6).rows
     assert [(row["label"], row["genus"], row["components"]) for row in rows[:2]] == [(4, 1, 1), (9, 0, 2)]
-    assert "labels are those of volumes" in rows[2]["error"]
+    assert "'mesh' opens no labels" in rows[2]["error"]
     (row,) = tk.survey(tmp_path / "parts.npy", labels=[9], level=3.0).rows
     assert row["error"].endswith("with labels there is no level=…; leave it out.")
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from unittest import SkipTest
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -75,6 +76,12 @@ class TestVoxels(AdapterConformance):
         np.save(path, x**2 + y**2 + z**2 < 0.7)
         return path
 
+    def address(self, folder: Path) -> str:
+        zarr = pytest.importorskip("zarr")
+        pytest.importorskip("fsspec")
+        zarr.create_array(folder / "ball.zarr", data=np.load(self.example(folder)), chunks=(12, 12, 12))
+        return (folder / "ball.zarr").as_uri()
+
 
 class TestSdf(AdapterConformance):
     adapter = SDF
@@ -118,11 +125,26 @@ class Ball(tk.Adapter):
     description = "balls"
     suffixes = (".ball",)
     differentiable = True
+    addresses = (".balls",)
+
+    def may_open(self, path: Path) -> bool:
+        return path.suffix == ".ball"
+
+    def is_large(self, source: Path | str, options: Mapping[str, Any]) -> bool:
+        return bool(options.get("n_samples", 0) > 10**6)
+
+    def open_labels(self, source: Path, labels: Any) -> dict[int, tk.Shape]:
+        if labels not in ("all", [1]):
+            raise tk.errors.InputError(f"{source} has the label 1 alone.")
+        return {1: self.open(source)}
 
     def can_open(self, source: Path) -> bool:
         return source.is_file() and source.read_bytes().startswith(b"BALL")
 
-    def open(self, source: Any, *, n_samples: int = 1000, generator: torch.Generator | None = None) -> tk.Shape:
+    def open(
+        self, source: Any, *, n_samples: int = 1000, generator: torch.Generator | None = None, client: object = None
+    ) -> tk.Shape:
+        source = Path(urlsplit(source).path) / "one.ball" if isinstance(source, str) else source
         radius = self.radius(source) if isinstance(source, Path) else source
         known = sphere_samples(n_samples, generator=generator or torch.Generator().manual_seed(0))
         return self.shape(known.points * radius, known.normals)
@@ -146,6 +168,11 @@ class BallConformance(AdapterConformance):
         path = folder / "one.ball"
         path.write_text("BALL 0.5 END")
         return path
+
+    def address(self, folder: Path) -> str:
+        (folder / "more.balls").mkdir()
+        self.example(folder / "more.balls")
+        return (folder / "more.balls").as_uri()
 
     def tensors(self) -> tuple[torch.Tensor, ...]:
         return (torch.tensor(0.5, dtype=torch.float64),)
@@ -247,6 +274,15 @@ def open_with_endless_slope(self: Ball, source: Any) -> tk.Shape:
     return made(points * source + (source - source.detach()).abs().sqrt() * 0)
 
 
+def open_every_label(self: Ball, source: Any, labels: Any) -> dict[int, tk.Shape]:
+    return {label: self.open(source) for label in ([1] if labels == "all" else labels)}
+
+
+def open_known_labels(self: Ball, source: Any, labels: Any) -> dict[int, tk.Shape]:
+    found = {1: self.open(source)}
+    return {label: found[label] for label in (found if labels == "all" else labels)}
+
+
 BAD: list[tuple[str, dict[str, Any], str]] = [
     ("test_it_is_listed_as_usable", {"name": "bowl"}, r"adapter 'bowl' is not known to topokit: install the package"),
     ("test_it_is_listed_as_usable", {"requires": ("no_such_module",)}, r"not usable: pip install no_such_module"),
@@ -270,6 +306,25 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
         r"import topokit.cli.app imports typer, and",
     ),
     ("test_importing_it_imports_nothing_heavy", {"__module__": "no_such_module"}, r"fails in a fresh interpreter"),
+    ("test_files_of_folders_are_taken", {"may_open": lambda self, path: False}, r"refuses one.ball"),
+    ("test_labels_are_shapes", {"open_labels": lambda self, source, labels: {}}, r"finds no label"),
+    ("test_labels_are_shapes", {"open_labels": lambda self, source, labels: {"a": None}}, r"the label 'a'"),
+    ("test_labels_are_shapes", {"open_labels": lambda self, source, labels: {1: None}}, r"has a NoneType"),
+    (
+        "test_labels_are_shapes",
+        {"open_labels": lambda self, source, labels: dict.fromkeys((1, 2), self.open(source))},
+        r"the labels \[1, 2\] where \[2\]",
+    ),
+    ("test_labels_are_shapes", {"open_labels": open_every_label}, r"the label 2, which is missing, is opened"),
+    ("test_labels_are_shapes", {"open_labels": open_known_labels}, r"gives AdapterError\(.*KeyError"),
+    ("test_workers_can_share_what_is_large", {"open": lambda self, source: None}, r"no option `client`"),
+    ("test_workers_can_share_what_is_large", {"is_large": lambda self, source, options: None}, r"returns None"),
+    (
+        "test_addresses_are_opened_where_they_are",
+        {"addresses": (".ballpark",)},
+        r"more.balls is no address of a folder with the suffix .ballpark",
+    ),
+    ("test_addresses_are_opened_where_they_are", {"open": lambda self, source: None}, r"returns NoneType"),
     ("test_it_returns_samples", shape_of(lambda points, normals: points), r"open\(\) returns Tensor"),
     ("test_it_returns_samples", shape_of(lambda points, normals: made(points[None])), r"shape \(1, 1000, 3\)"),
     ("test_it_returns_samples", shape_of(lambda points, normals: made(points.half())), r"points are torch.float16"),
@@ -387,9 +442,11 @@ def test_what_an_author_has_to_write_is_said(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_asked_is_skipped(tmp_path: Path) -> None:
-    plain = type("Plain", (Ball,), {"differentiable": False, "open": lambda self, source: made(torch.rand(60, 3))})
+    none = {"differentiable": False, "may_open": None, "is_large": None, "open_labels": None, "addresses": ()}
+    plain = type("Plain", (Ball,), {**none, "open": lambda self, source: made(torch.rand(60, 3))})
+    words = ("differentiable", "number", "outward", "folders_are_taken", "labels", "large", "addresses")
     for check in CHECKS:
-        if "differentiable" in check or "number" in check or "outward" in check:
+        if any(word in check for word in words):
             with pytest.raises(SkipTest):
                 run(check, plain, tmp_path)
     with pytest.raises(SkipTest, match="not closed"):

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.batch.sources import Source
 from topokit.errors import InputError, TopokitError
-from topokit.inputs.remote import fetched, is_zarr_address
 from topokit.plugins.foreign_code import foreign_code
+from topokit.plugins.registry import adapter_for, in_reach, load, load_labels
 
 if TYPE_CHECKING:
     from topokit.pages import Fragment
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 Row = dict[str, Any]
-Options = Callable[[Path | str], tuple[str, Mapping[str, Any]]]  # name of the adapter for a file, and its options
 
 COLUMNS = (
     "file",
@@ -47,17 +44,20 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Given:
-    """The options of `topokit.load`, the same for every file."""
+class Options:
+    """The options of `topokit.load`, the same for every file, unless a subclass makes them from its path.
+
+    Attributes:
+        adapter: name of the adapter, or None to choose by content and suffix.
+        given: values by the name of the adapter's parameter.
+    """
 
     adapter: str | None = None
-    options: Mapping[str, Any] = field(default_factory=dict)
+    given: Mapping[str, Any] = field(default_factory=dict)
 
     def __call__(self, path: Path | str) -> tuple[str, Mapping[str, Any]]:
         """The adapter's name and its options."""
-        from topokit.plugins.registry import adapter_for
-
-        return adapter_for(path, self.adapter).name, self.options
+        return adapter_for(path, self.adapter).name, self.given
 
 
 @dataclass(frozen=True)
@@ -71,14 +71,16 @@ class Questions:
         locate: as for `Shape.report`.
         with_report: whether the answers hold the reports.
         with_page: whether the answers hold what an HTML page shows.
+        client: of a Dask cluster whose workers share the file; then the questions are not sent anywhere.
     """
 
-    options: Options = Given()
+    options: Options = Options()
     labels: Any = None
     details: bool = False
     locate: bool = False
     with_report: bool = False
     with_page: bool = False
+    client: Any = None
 
 
 @dataclass(frozen=True)
@@ -114,9 +116,10 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
     try:
         if source.problem is not None:
             raise InputError(source.problem)
-        with in_reach(source.path) as path:
-            adapter, options = questions.options(path)
-            for label, shape in _shapes(path, questions.labels, adapter, seeded(options)):
+        with in_reach(source.path, questions.options.adapter) as path:
+            adapter, given = questions.options(path)
+            options = seeded(given) | ({} if questions.client is None else {"client": questions.client})
+            for label, shape in _shapes(path, questions.labels, adapter, options):
                 with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
                     answer = _answer(shape, questions)
                 seconds = time.perf_counter() - started
@@ -126,11 +129,6 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
     except TopokitError as error:
         answers.append(failure(source, str(error), time.perf_counter() - started))
     return answers
-
-
-def in_reach(place: Path | str) -> AbstractContextManager[Any]:
-    """During the block what can be opened: a path, that of a copy of what is at an address, or the address of zarr."""
-    return fetched(place) if isinstance(place, str) and not is_zarr_address(place) else nullcontext(place)
 
 
 def _answer(shape: Shape, questions: Questions) -> Answer:
@@ -182,19 +180,10 @@ def _shapes(
     path: Path | str, labels: Any, adapter: str, options: Mapping[str, Any]
 ) -> Iterator[tuple[int | None, Shape]]:
     """The shapes in a file, by their labels."""
-    from topokit.plugins.registry import load
-
     if labels is None:
         yield None, load(path, adapter=adapter, **options)
-        return
-    if adapter != "voxels":
-        raise InputError(f"{path}: labels are those of volumes, but this file is opened by the adapter {adapter!r}.")
-    from topokit.adapters.voxels.labels import from_labels
-
-    known = inspect.signature(from_labels).parameters
-    if wrong := sorted(options.keys() - known.keys()):
-        raise InputError(f"{path}: with labels there is no {', '.join(f'{name}=…' for name in wrong)}; leave it out.")
-    yield from from_labels(path, labels, **options).items()
+    else:
+        yield from load_labels(path, labels, adapter, **options).items()
 
 
 def called(row: Row) -> str:

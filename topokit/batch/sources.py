@@ -17,7 +17,6 @@ from topokit.report.wording import plural
 Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
 
 _SUFFIX, _LETTER = re.compile(r"\.[A-Za-z0-9.]+$"), re.compile("[A-Za-z]")
-_PROSE = (".txt", ".csv")  # suffixes of clouds, but also of notes and tables, which lie in the same folders
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ class _Finder:
             if path.is_dir() and not is_known(path, self.adapter):
                 if not path.is_symlink():  # which may lead in a circle
                     self._add_folder(path)
-            elif path.is_dir() or (path.is_file() and self._is_wanted(path)):
+            elif path.is_dir() or (path.is_file() and is_known(path, self.adapter)):
                 self.sources.append(self._found(path))
             elif path.is_file():
                 self.passed_over.append(str(path))
@@ -120,11 +119,6 @@ class _Finder:
     def _found(self, place: Path | str) -> Source:
         """What was not named as a file by itself."""
         return Source(place, str(place), objection(place, self.adapter))
-
-    def _is_wanted(self, path: Path) -> bool:
-        if not is_known(path, self.adapter):
-            return False
-        return path.suffix.lower() not in _PROSE or not os.access(path, os.R_OK) or _holds_rows(path)
 
     def _add_problem(self, path: Path, problem: str) -> None:
         self.sources.append(Source(path, str(path), problem))
@@ -141,12 +135,6 @@ def _listed(paths: object) -> list[str | os.PathLike[str]]:
             )
         listed.append(one)
     return listed
-
-
-def _holds_rows(path: Path) -> bool:
-    from topokit.adapters.points.text import holds_rows  # imports NumPy, which the command line does without
-
-    return holds_rows(path)
 
 
 def _at_home(path: str) -> str:

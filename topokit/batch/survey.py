@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
-from topokit.batch.examine import COLUMNS, Answer, Given, Questions, Row, called
+from topokit.batch.examine import COLUMNS, Answer, Options, Questions, Row, called
 from topokit.batch.journal import Journal, plain_options, stamps_of
 from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.names import name_as_data, names_in_common_folder
@@ -211,7 +211,7 @@ def survey(
             raise InputError(f"{name} must be positive, not {limit}.")
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
-    questions = Questions(Given(adapter, options), labels, details)
+    questions = Questions(Options(adapter, options), labels, details)
     journal = None
     if resume is not None:
         given = plain_options(adapter, options, labels=labels, details=details)

@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from topokit.batch.examine import Answer, Options, Questions, examine, failure
+from topokit.batch.examine import Answer, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.own_process import call_in_own_process
 from topokit.batch.processes import map_in_processes
 from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
 from topokit.errors import TopokitError
-from topokit.inputs.remote import is_zarr_address
+from topokit.plugins.registry import list_adapters, opens_address, shared_by_workers
 
 Item = TypeVar("Item")
-
-_LARGE = (  # what several workers may share
-    *(".zarr", ".h5", ".hdf5", ".npy"),  # files, or folders, that may hold a volume to be counted block by block
-    *(".las", ".laz", ".parquet", ".ply", ".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc"),  # or a cloud
-    *(".pt", ".pth", ".pt2", ".ts"),  # or a network
-)
-_NETWORKS = ("sdf", "occupancy")
-_FINE = 1024  # cells of a network's finest grid from which on all workers share it
 
 
 def examine_each(
@@ -63,23 +55,10 @@ def in_order(coming: Iterable[tuple[int, Item]]) -> Iterator[tuple[int, Item]]:
             following += 1
 
 
-@dataclass(frozen=True)
-class _WithClient:
-    """The options of a volume or cloud whose blocks are read by a cluster."""
-
-    options: Options
-    client: Any
-
-    def __call__(self, path: Path | str) -> tuple[str, Mapping[str, Any]]:
-        """The adapter's name and its options."""
-        adapter, options = self.options(path)
-        return adapter, {**options, "client": self.client}
-
-
 def _on_cluster(
     sources: Sequence[Source], questions: Questions, limits: Limits, client: Any
 ) -> Generator[tuple[int, list[Answer]]]:
-    """The answers of a cluster: each file by one worker, then each large volume or cloud by all of them.
+    """The answers of a cluster: each file by one worker, then each large one by all of them.
 
     With limits every file is examined by one worker, in a process of its own.
     """
@@ -93,35 +72,27 @@ def _on_cluster(
     with closing(map_on_cluster(ask, [found[number] for number in others], client, _after_death)) as coming:
         for place, answers in coming:
             yield others[place], answers
-    by_all = replace(questions, options=_WithClient(questions.options, client))
+    by_all = replace(questions, client=client)
     for number in large:
         yield number, examine(found[number], by_all)
 
 
 def _is_large(source: Source, questions: Questions) -> bool:
-    """Whether a file is a volume or cloud that is read block by block, or a network on a grid as large."""
+    """Whether several workers should share a file."""
     if source.problem is not None or not _may_be_large(source.path):
         return False
-    from topokit.adapters.points.large import stored_cloud
-    from topokit.adapters.voxels.large import blocks_of
-
     try:
-        adapter, options = questions.options(source.path)
-        if adapter == "points":
-            return stored_cloud(source.path, options.get("block_points"), None) is not None
-        if adapter in _NETWORKS:
-            return int(options.get("resolution") or 0) >= _FINE
-        if adapter != "voxels":
-            return False
-        return blocks_of(source.path, options.get("dataset"), options.get("block_voxels"), None) is not None
+        return shared_by_workers(source.path, *questions.options(source.path))
     except TopokitError:  # its answer says so
         return False
 
 
 def _may_be_large(place: Path | str) -> bool:
+    """Whether an adapter that has large files may open one, by its name alone: thousands of others are not opened."""
     if isinstance(place, str):
-        return is_zarr_address(place)
-    return place.is_dir() or place.suffix.lower() in _LARGE
+        return opens_address(place)
+    suffixes = tuple(suffix for one in list_adapters() if one.is_large is not None for suffix in one.suffixes)
+    return place.is_dir() or place.name.lower().endswith(suffixes)
 
 
 def _from_anywhere(source: Source) -> Source:

@@ -25,11 +25,11 @@ from topokit.cli.request import Request, is_same, sources_of
 from topokit.cli.writers import Writer
 from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
+from topokit.plugins.registry import adapter_for
 from topokit.report.wording import plural
 from topokit.text import printable
 
 MakeWriter = Callable[[TextIO, Sources], Writer]
-_HAVE_BARS = ("sdf", "occupancy")  # adapters that show the progress of their grids themselves
 
 
 def answer_files(
@@ -146,7 +146,7 @@ def _names_for_bar(found: Sources, opener: Opener) -> list[str]:
     if len(found.sources) == 1 and sys.stderr.isatty():
         try:
             path = found.sources[0].path
-            if isinstance(path, Path) and opener(path)[0] in _HAVE_BARS:
+            if isinstance(path, Path) and adapter_for(path, opener.adapter).shows_progress:
                 return []
         except TopokitError:  # its answer says so
             return []

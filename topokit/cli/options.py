@@ -5,13 +5,12 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from topokit.batch.examine import in_reach, seeded
+from topokit.batch.examine import Options, seeded
 from topokit.cli.bundle import bundled
 from topokit.cli.values import expected_value, is_writable, parse_value
 from topokit.errors import InputError, MissingDependencyError
@@ -100,17 +99,8 @@ _OPENERS = re.compile(r"\btopokit\.from_(mesh|points|voxels|sdf|occupancy|splats
 _CODE = re.compile(r"(\btopokit\.\w+\((?:[^()]|\([^()]*\))*\))")  # a line of Python stays one
 
 
-@dataclass(frozen=True)
-class Opener:
-    """Opens files with the options of the command line; it can be sent to worker processes.
-
-    Attributes:
-        adapter: name of the adapter, or None to choose by content and suffix.
-        given: values by the name of the adapter's parameter; those that are texts are parsed for each adapter.
-    """
-
-    adapter: str | None
-    given: dict[str, Any]
+class Opener(Options):
+    """Opens files with the options of the command line, whose texts are parsed for each adapter."""
 
     def __call__(self, path: Path | str) -> tuple[str, dict[str, Any]]:
         """The name of the adapter of a file, and its options.
@@ -132,9 +122,9 @@ class Opener:
 
     def open(self, place: Path | str) -> Shape:
         """The shape of a file, or of what is at an address; errors as above and those of `topokit.load`."""
-        from topokit.plugins.registry import load
+        from topokit.plugins.registry import in_reach, load
 
-        with in_reach(place) as path:
+        with in_reach(place, self.adapter) as path:
             adapter, options = self(path)
             return load(path, adapter=adapter, **seeded(options))
 

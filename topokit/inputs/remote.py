@@ -48,11 +48,11 @@ def is_address(source: object) -> bool:
     return isinstance(source, str) and _ADDRESS.match(source) is not None
 
 
-def is_zarr_address(source: object) -> bool:
-    """Whether this is the address of a zarr volume: of a folder called .zarr, or of something in one."""
+def lies_in(source: object, suffixes: tuple[str, ...]) -> bool:
+    """Whether this is the address of a folder with one of these suffixes, or of something in one."""
     if not isinstance(source, str) or not is_address(source):
         return False
-    return any(part.lower().endswith(".zarr") for part in _place(source).split("/"))
+    return any(part.lower().endswith(suffixes) for part in _place(source).split("/"))
 
 
 @contextmanager
@@ -72,25 +72,31 @@ def fetched(address: str) -> Iterator[Path]:
         yield path
 
 
-def takes_addresses(opener: Callable[Options, Result]) -> Callable[Options, Result]:
-    """The opener, which takes addresses, too: those of zarr volumes it is given, and of others the path of a copy.
+def takes_addresses(
+    suffixes: tuple[str, ...] = (),
+) -> Callable[[Callable[Options, Result]], Callable[Options, Result]]:
+    """A decorator of an opener, a function whose first argument may be a path, which then may be an address.
 
     Args:
-        opener: a function whose first argument may be a path.
+        suffixes: of folders whose addresses the opener takes itself; of others it is given the path of a copy.
     """
-    first = next(iter(signature(opener).parameters))
 
-    @wraps(opener)
-    def open_it(*args: Options.args, **options: Options.kwargs) -> Result:
-        source = args[0] if args else options.get(first)
-        if not isinstance(source, str) or not is_address(source) or is_zarr_address(source):
-            return opener(*args, **options)
-        with fetched(source) as path:
-            if args:
-                return opener(path, *args[1:], **options)  # type: ignore[arg-type]
-            return opener(*args, **{**options, first: path})  # type: ignore[arg-type]
+    def decorate(opener: Callable[Options, Result]) -> Callable[Options, Result]:
+        first = next(iter(signature(opener).parameters))
 
-    return open_it
+        @wraps(opener)
+        def open_it(*args: Options.args, **options: Options.kwargs) -> Result:
+            source = args[0] if args else options.get(first)
+            if not isinstance(source, str) or not is_address(source) or lies_in(source, suffixes):
+                return opener(*args, **options)
+            with fetched(source) as path:
+                if args:
+                    return opener(path, *args[1:], **options)  # type: ignore[arg-type]
+                return opener(*args, **{**options, first: path})  # type: ignore[arg-type]
+
+        return open_it
+
+    return decorate
 
 
 def matching_addresses(pattern: str) -> list[str]:

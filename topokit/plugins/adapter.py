@@ -43,6 +43,15 @@ class Adapter:
         suffix_requires: (suffix, module) pairs: modules that only some suffixes need.
         priority: the highest wins where content and suffix leave several adapters.
         opener: the function that opens a source, or its name as "package.module:function", imported when needed.
+        addresses: suffixes of folders that it opens at an address where they are, as (".zarr",); of everything else at
+            an address it is given a copy.
+        open_labels: the function that opens every label of a file as a shape of its own, (source, labels, **options) →
+            shapes by label, where labels is "all" or a list; or its name. None if its files hold no labels.
+        is_large: a function of a path or address and of the options of `open`, or its name: whether the workers of a
+            cluster are to share the file. `open` then gets them as its option `client`, a `dask.distributed.Client`.
+        may_open: a function of the path, or its name: whether a file in a folder with one of the suffixes may be of
+            this kind. For suffixes that notes and tables have, too; without it all are taken.
+        shows_progress: whether it draws a progress bar itself while it opens and examines a file.
         runs_code: None, or a sentence for callers who did not ask for it, if files of its kind are programs that run
             when they are opened. Such an adapter opens only what the caller names, the file itself and the adapter: it
             is never chosen, and takes nothing from folders, patterns and addresses.
@@ -61,6 +70,11 @@ class Adapter:
     opener: str | Callable[..., Shape] | None = None
     runs_code: str | None = None
     differentiable: bool = False
+    addresses: tuple[str, ...] = ()
+    open_labels: str | Callable[..., Mapping[int, Shape]] | None = None
+    is_large: str | Callable[..., bool] | None = None
+    may_open: str | Callable[[Path], bool] | None = None
+    shows_progress: bool = False
     problem: str | None = None
 
     def __init__(self, **attributes: Any) -> None:
@@ -87,11 +101,18 @@ class Adapter:
             source: path of a file or folder, or an object of one of `types`.
             options: a subclass lists its own as keyword arguments; others are then refused by name.
         """
-        return self._opener()(source, **options)
+        opener: Any = self.function("opener")
+        return opener(source, **options)
 
-    def options(self) -> Mapping[str, inspect.Parameter] | None:
-        """The options of `open` by name; None if it takes any."""
-        function = self.open if type(self).open is not Adapter.open else self._opener()
+    def function(self, attribute: str) -> Callable[..., Any] | None:
+        """The function that an attribute holds, or names as "package.module:function"; None if it is None."""
+        found: Any = getattr(self, attribute)
+        return pkgutil.resolve_name(found) if isinstance(found, str) else found
+
+    def options(self, attribute: str = "open") -> Mapping[str, inspect.Parameter] | None:
+        """The options of `open`, or of `open_labels`, by name; None if it takes any."""
+        is_opener = attribute == "open" and type(self).open is Adapter.open
+        function: Any = self.function("opener" if is_opener else attribute)
         try:
             signature = inspect.signature(function, eval_str=True)
         except NameError:  # annotations with names that are imported for type checkers only
@@ -128,11 +149,6 @@ class Adapter:
         if self.usable and self.install:
             return f"usable; for {' '.join(self.missing_suffixes)}: {self.install}"
         return "usable" if self.usable else str(self.install)
-
-    def _opener(self) -> Callable[..., Shape]:
-        found: Any = pkgutil.resolve_name(self.opener) if isinstance(self.opener, str) else self.opener
-        assert callable(found), "adapters without open() and opener are refused when they are registered"
-        return found
 
 
 def _is_installed(module: str) -> bool:

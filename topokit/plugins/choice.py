@@ -6,9 +6,11 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
 from topokit.inputs.files import ZIP, existing_file, head, require_beginning
+from topokit.inputs.remote import is_address, lies_in
 from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
@@ -32,7 +34,7 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
 
     Args:
         adapters: the adapters to choose from.
-        source: a path that exists, or an object.
+        source: a path that exists, an address that one of them opens where it is, or an object.
 
     Raises:
         UnknownFormatError: if no adapter knows the file.
@@ -40,7 +42,10 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
         ReadError: if two are left because the content is damaged or contradicts the suffix.
         InputError: if two are left, if the file is a program, or if no adapter opens such objects.
     """
-    if not isinstance(source, Path):
+    if is_address(source):
+        lead = f"The address {source} is opened by"
+        matching = [adapter for adapter in adapters if lies_in(source, adapter.addresses)]
+    elif not isinstance(source, Path):
         lead = f"Objects of {_name(source)} are opened by"
         matching = [adapter for adapter in adapters if _is_instance(source, adapter.types)]
     elif matching := [adapter for adapter in adapters if _recognizes(adapter, source)]:
@@ -63,8 +68,8 @@ def choose(adapters: Sequence[Adapter], source: object) -> Adapter:
 
 
 def knows(adapters: Sequence[Adapter], path: Path) -> bool:
-    """Whether any of the adapters has the file's suffix or recognizes its content, or that of a folder."""
-    if path.is_file() and any(_suffix_length(adapter, path) for adapter in adapters):
+    """Whether any of the adapters may open a file by its suffix, or recognizes its content, or that of a folder."""
+    if path.is_file() and any(_suffix_length(adapter, path) and _may_open(adapter, path) for adapter in adapters):
         return True
     return os.access(path, os.R_OK) and any(_recognizes(adapter, path) for adapter in adapters)
 
@@ -92,12 +97,22 @@ def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:
 
 
 def _recognizes(adapter: Adapter, path: Path) -> bool:
+    return _asked(adapter, "can_open", path, otherwise=False)
+
+
+def _may_open(adapter: Adapter, path: Path) -> bool:
+    """Whether a file with one of the adapter's suffixes may be of its kind."""
+    return adapter.may_open is None or not os.access(path, os.R_OK) or _asked(adapter, "may_open", path, otherwise=True)
+
+
+def _asked(adapter: Adapter, attribute: str, path: Path, otherwise: bool) -> bool:
     try:
         with foreign_code(f"adapter {adapter.name!r} could not examine {path}"):
-            return bool(adapter.can_open(path))
+            function: Any = adapter.function(attribute)
+            return bool(function(path))
     except AdapterError as error:
         warn_once(adapter.name, f"{error} Only its suffixes are used.")
-        return False
+        return otherwise
 
 
 def _suffix_length(adapter: Adapter, path: Path) -> int:

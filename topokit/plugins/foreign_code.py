@@ -94,10 +94,23 @@ def check_adapter(found: object, name: str) -> Adapter:
     return adapter
 
 
-def options_of(adapter: Adapter) -> Mapping[str, Parameter] | None:
-    """The options of an adapter by name, None if it takes any; imports its opener."""
+def options_of(adapter: Adapter, attribute: str = "open") -> Mapping[str, Parameter] | None:
+    """The options of an adapter by name, None if it takes any; imports its opener. See `Adapter.options`."""
     with foreign_code(f"the options of adapter {adapter.name!r} could not be read", adapter):
-        return adapter.options()
+        return adapter.options(attribute)
+
+
+def answer_of(adapter: Adapter, attribute: str, *given: Any, **options: Any) -> Any:
+    """What the function that is an attribute of an adapter, such as `is_large`, returns for a source and more.
+
+    Raises:
+        TopokitError: the adapter's own.
+        MissingDependencyError: if it lacks a package.
+        AdapterError: if it raises anything else.
+    """
+    with foreign_code(f"{attribute} of adapter {adapter.name!r} failed for {given[0]}", adapter):
+        function: Any = adapter.function(attribute)
+        return function(*given, **options)
 
 
 def open_with(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shape:
@@ -142,14 +155,15 @@ def _are_strings(values: object) -> bool:
     return isinstance(values, tuple) and all(isinstance(value, str) for value in values)
 
 
+def _are_suffixes(values: Any) -> bool:
+    return _are_strings(values) and all(value.startswith(".") and value == value.lower() for value in values)
+
+
+_FUNCTION = "a function, or its name as 'package.module:function'"
 _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ("name", lambda value: isinstance(value, str), "a string"),
     ("description", lambda value: isinstance(value, str), "a string"),
-    (
-        "suffixes",
-        lambda values: _are_strings(values) and all(s.startswith(".") and s == s.lower() for s in values),
-        "a tuple of lower-case strings with their dots, as ('.obj',)",
-    ),
+    ("suffixes", _are_suffixes, "a tuple of lower-case strings with their dots, as ('.obj',)"),
     ("types", _are_strings, "a tuple of strings"),
     ("requires", _are_strings, "a tuple of strings"),
     ("requires", lambda modules: not any("." in module for module in modules), "top-level modules"),
@@ -160,10 +174,11 @@ _CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
     ),
     ("priority", lambda value: isinstance(value, int), "an integer"),
     ("runs_code", lambda value: value is None or (isinstance(value, str) and value != ""), "a sentence, or None"),
-    (
-        "opener",
-        lambda value: value is None or callable(value) or _is_target(value),
-        "a function, or its name as 'package.module:function'",
+    *(
+        (name, lambda value: value is None or callable(value) or _is_target(value), _FUNCTION)
+        for name in ("opener", "open_labels", "is_large", "may_open")
     ),
+    ("addresses", _are_suffixes, "a tuple of lower-case strings with their dots, as ('.zarr',)"),
+    ("shows_progress", lambda value: isinstance(value, bool), "True or False"),
     ("can_open", callable, "a function of the path"),
 )

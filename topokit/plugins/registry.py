@@ -5,17 +5,27 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
 from topokit.inputs.files import existing_file, user_path
-from topokit.inputs.remote import fetched, is_address, is_zarr_address
+from topokit.inputs.remote import fetched, is_address, lies_in
 from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.choice import choose, knows
-from topokit.plugins.foreign_code import check_adapter, entry_points, import_adapter, open_with, warn_once, warned_about
+from topokit.plugins.foreign_code import (
+    answer_of,
+    check_adapter,
+    entry_points,
+    import_adapter,
+    open_with,
+    options_of,
+    warn_once,
+    warned_about,
+)
 from topokit.plugins.programs import not_named
 
 if TYPE_CHECKING:
@@ -143,13 +153,13 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
             this type are not opened, or if the file is a program that was not asked for.
         AdapterError: if a plug-in fails or returns something else than a `Shape`.
     """
-    if is_address(source) and (why := objection(source, adapter)) is not None:
-        raise InputError(why)
-    if is_zarr_address(source):
-        return open_with(adapter_for(source, adapter), source, options)
     if is_address(source):
-        with fetched(source) as path:
-            return load(path, adapter=adapter, format=format, **options)
+        if (why := objection(source, adapter)) is not None:
+            raise InputError(why)
+        with in_reach(source, adapter) as place:
+            if isinstance(place, Path):
+                return load(place, adapter=adapter, format=format, **options)
+            return open_with(adapter_for(place, adapter), place, options)
     if is_content(source):
         with kept_in_file(source, format) as path:
             try:
@@ -184,13 +194,12 @@ def _load_file(adapter: Adapter, path: Path, options: Mapping[str, Any]) -> Shap
 
 
 def adapter_for(source: Any, name: str | None = None) -> Adapter:
-    """The adapter that `load` opens a source with; same arguments and errors. Of addresses only those of zarr."""
-    name = "voxels" if name is None and is_zarr_address(source) else name
+    """The adapter that `load` opens a source with; same arguments and errors. Of addresses those of `opens_address`."""
     if name is None:
         for found in _adapters():
             if found.problem is not None:
                 warn_once(found.name, f"adapter {found.name!r} ({found.description}) is left out: {found.problem}")
-        return choose([found for found in _adapters() if found.problem is None], _as_path(source))
+        return choose(_working(), source if opens_address(source) else _as_path(source))
     targets = _targets()
     if name not in targets:
         raise InputError(f"adapter {name!r} is not known. Known: {', '.join(targets)}.")
@@ -200,6 +209,21 @@ def adapter_for(source: Any, name: str | None = None) -> Adapter:
     if not found.usable:
         raise MissingDependencyError(f"adapter {name!r} is not usable yet: {found.install}")
     return found
+
+
+def opens_address(source: object, name: str | None = None) -> bool:
+    """Whether an adapter, or that of this name, opens what is at an address where it is, without a copy."""
+    return any(lies_in(source, one.addresses) for one in _working() if name in (None, one.name))
+
+
+def in_reach(source: Any, name: str | None = None) -> AbstractContextManager[Any]:
+    """During the block what an adapter can be given: a copy of what is at an address, else the source itself.
+
+    Args:
+        source: a path, or an address; one that `opens_address` stays as it is.
+        name: of the adapter, or None.
+    """
+    return fetched(source) if is_address(source) and not opens_address(source, name) else nullcontext(source)
 
 
 def objection(source: object, name: str | None) -> str | None:
@@ -217,9 +241,38 @@ def is_known(path: Path, name: str | None = None) -> bool:
         path: a file or folder that exists.
         name: ask only the adapter of this name, unless it recognizes nothing by itself.
     """
-    working = [found for found in _adapters() if found.problem is None]
-    named = [found for found in working if found.name == name and found.suffixes]
-    return knows(named or working, path)
+    named = [found for found in _working() if found.name == name and found.suffixes]
+    return knows(named or _working(), path)
+
+
+def shared_by_workers(source: Path | str, name: str, options: Mapping[str, Any]) -> bool:
+    """Whether the workers of a cluster are to share a file that the adapter of this name opens with these options."""
+    adapter = adapter_for(source, name)
+    return adapter.is_large is not None and bool(answer_of(adapter, "is_large", source, options))
+
+
+def load_labels(source: Path | str, labels: Any, adapter: str, **options: Any) -> Mapping[int, Shape]:
+    """The shapes of the labels of a file, by label.
+
+    Args:
+        source: a path, or an address that the adapter opens where it is.
+        labels: "all", or those that are wanted.
+        adapter: name of the adapter.
+        options: of its function `open_labels`.
+
+    Raises:
+        InputError: if files of this adapter hold no labels, or it has no such option for them.
+        TopokitError: as for `load`.
+    """
+    found = adapter_for(source, adapter)
+    if found.open_labels is None:
+        having = " and ".join(repr(one.name) for one in _working() if one.open_labels is not None)
+        raise InputError(f"{source}: adapter {adapter!r} opens no labels; {having} does.")
+    known = options_of(found, "open_labels")
+    if known is not None and (wrong := sorted(options.keys() - known.keys())):
+        raise InputError(f"{source}: with labels there is no {', '.join(f'{name}=…' for name in wrong)}; leave it out.")
+    shapes: Mapping[int, Shape] = answer_of(found, "open_labels", source, labels, **options)
+    return shapes
 
 
 @cache
@@ -255,6 +308,10 @@ def _adapters() -> list[Adapter]:
     while waiting := [name for name in _targets() if name not in found]:  # importing one may register others
         found |= {name: _resolve(name, _targets()[name]) for name in waiting}
     return list(found.values())
+
+
+def _working() -> list[Adapter]:
+    return [found for found in _adapters() if found.problem is None]
 
 
 def _origin(target: Any) -> str:

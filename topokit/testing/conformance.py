@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 from unittest import SkipTest
@@ -16,8 +16,9 @@ from torch import Tensor
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import AdapterError, TopokitError, summary
+from topokit.inputs.remote import lies_in
 from topokit.plugins.adapter import Adapter
-from topokit.plugins.foreign_code import foreign_code
+from topokit.plugins.foreign_code import answer_of, foreign_code
 from topokit.plugins.registry import adapter_for, list_adapters
 from topokit.shape import Shape
 
@@ -77,6 +78,13 @@ class AdapterConformance:
         """The object made of such tensors, which the adapter opens."""
         raise NotImplementedError(f"{type(self).__name__} needs a method source_of(self, *tensors).")
 
+    def address(self, folder: Path) -> str:
+        """An address that the adapter opens where it is, for one with `addresses`: perhaps that of a file there."""
+        raise NotImplementedError(
+            f"{self._adapter.name} claims to open addresses: {type(self).__name__} needs a method "
+            "address(self, folder)."
+        )
+
     # recognition
 
     def test_it_is_listed_as_usable(self) -> None:
@@ -119,6 +127,57 @@ class AdapterConformance:
             f"import {module} imports {run.stdout.strip()}, and topokit imports every adapter on the first look-up: "
             "import it in open(), or name an opener in another module."
         )
+
+    # capabilities
+
+    def test_files_of_folders_are_taken(self, tmp_path: Path) -> None:
+        if self._adapter.may_open is None:
+            raise SkipTest("the adapter takes every file with its suffixes")
+        may_open: Any = self._adapter.function("may_open")
+        path = self.example(tmp_path)
+        assert may_open(path), f"may_open() refuses {path.name}, so folders are examined without such files."
+
+    def test_labels_are_shapes(self, tmp_path: Path) -> None:
+        if self._adapter.open_labels is None:
+            raise SkipTest("the adapter opens no labels")
+        path = self.example(tmp_path)
+        shapes = self._labels(path, "all")
+        assert shapes, "open_labels() finds no label in the example."
+        for label, shape in shapes.items():
+            assert isinstance(label, int), f"open_labels() has the label {label!r}; an integer was expected."
+            assert isinstance(shape, Shape), (
+                f"open_labels() has a {type(shape).__name__}; a topokit.Shape was expected."
+            )
+        last = max(shapes)
+        alone = self._labels(path, [last])
+        assert list(alone) == [last], f"open_labels() has the labels {list(alone)} where [{last}] was asked for."
+        refusal = _refusal(lambda: self._labels(path, [last + 1]))
+        assert refusal is not None, f"the label {last + 1}, which is missing, is opened."
+        assert not isinstance(refusal, AdapterError), (
+            f"the label {last + 1}, which is missing, gives {refusal!r}; an InputError was expected."
+        )
+
+    def test_workers_can_share_what_is_large(self, tmp_path: Path) -> None:
+        if self._adapter.is_large is None:
+            raise SkipTest("the adapter has no large files")
+        options = self._adapter.options()
+        assert options is None or "client" in options, (
+            "is_large() offers files to all workers of a cluster, but open() has no option `client` for them."
+        )
+        is_large: Any = self._adapter.function("is_large")
+        answer = is_large(self.example(tmp_path), {})
+        assert isinstance(answer, bool), f"is_large() returns {answer!r} without options; True or False was expected."
+
+    def test_addresses_are_opened_where_they_are(self, tmp_path: Path) -> None:
+        if not self._adapter.addresses:
+            raise SkipTest("the adapter opens addresses through copies")
+        address = self.address(tmp_path)
+        assert lies_in(address, self._adapter.addresses), (
+            f"{address} is no address of a folder with the suffix {' or '.join(self._adapter.addresses)}."
+        )
+        with foreign_code(f"open() failed for {address}"):
+            shape = self._open(address)
+        assert isinstance(shape, Shape), f"open() returns {type(shape).__name__}; a topokit.Shape was expected."
 
     # samples
 
@@ -235,18 +294,19 @@ class AdapterConformance:
             options["generator"] = torch.Generator().manual_seed(seed)
         return self._adapter.open(source, **{**self.options, **options})
 
+    def _labels(self, path: Path, labels: object) -> Mapping[int, Shape]:
+        known = self._adapter.options("open_labels")
+        options = {name: value for name, value in self.options.items() if known is None or name in known}
+        found: Mapping[int, Shape] = answer_of(self._adapter, "open_labels", path, labels, **options)
+        return found
+
     def _samples(self, folder: Path) -> SurfaceSamples:
         shape = self._open(self.example(folder))
         assert isinstance(shape, Shape), f"open() returns {type(shape).__name__}; a topokit.Shape was expected."
         return shape.samples
 
     def _is_refused(self, path: Path, what: str, must: bool = True) -> None:
-        refusal = None
-        try:
-            with foreign_code("open() failed"):
-                _ = self._open(path).samples
-        except TopokitError as error:
-            refusal = error
+        refusal = _refusal(lambda: self._open(path).samples)
         if isinstance(refusal, AdapterError):
             raise AssertionError(
                 f"{what} makes open() raise {summary(refusal.__cause__)}. A TopokitError that names the file was "
@@ -257,3 +317,13 @@ class AdapterConformance:
             f"{what} is opened as if it were complete; a TopokitError that names the file was expected."
         )
         assert refusal is None or path.name in str(refusal), f"{what} is refused without its name: {refusal}"
+
+
+def _refusal(act: Callable[[], object]) -> TopokitError | None:
+    """The error that an adapter's code raises, as an `AdapterError` if it is not one of ours; None without one."""
+    try:
+        with foreign_code("it failed"):
+            act()
+    except TopokitError as error:
+        return error
+    return None

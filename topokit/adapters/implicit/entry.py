@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from topokit.inputs.files import ZIP, head, member_names
 from topokit.plugins.adapter import Adapter
@@ -12,6 +14,7 @@ _SENTENCE = (
     "A checkpoint of torch.save is no network, but a pickle of tensors: for one of Gaussian splats use "
     "topokit.from_splats(torch.load(path, weights_only=True))."
 )
+_FINE = 1024  # cells along the longest side
 _SUFFIXES = (".pt", ".pth", ".pt2", ".ts")
 _MEMBERS = re.compile(r"(^|/)((data|constants)\.pkl|archive_format|serialized_exported_program\.json)$")
 
@@ -25,6 +28,11 @@ def is_network(source: Path) -> bool:
     return b".pkl" in start if names is None else any(map(_MEMBERS.search, names))
 
 
+def is_fine(source: Path, options: Mapping[str, Any]) -> bool:
+    """Whether the finest grid of a network is one that several workers should share."""
+    return int(options.get("resolution") or 0) >= _FINE
+
+
 SDF = Adapter(
     name="sdf",
     description="signed distance networks saved by torch.jit or torch.export",
@@ -32,6 +40,8 @@ SDF = Adapter(
     can_open=is_network,
     runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_sdf",
+    is_large=is_fine,
+    shows_progress=True,
 )
 OCCUPANCY = Adapter(
     name="occupancy",
@@ -40,4 +50,6 @@ OCCUPANCY = Adapter(
     can_open=is_network,
     runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_occupancy",
+    is_large=is_fine,
+    shows_progress=True,
 )

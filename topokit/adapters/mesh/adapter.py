@@ -39,7 +39,7 @@ Faces = Tensor | ArrayLike | Sequence[Sequence[int]]
 _DRAWN_PER_SAMPLE = 10  # random points per sample that a criterion chooses from
 
 
-@takes_addresses
+@takes_addresses()
 def from_mesh(
     source: str | os.PathLike[str] | tuple[Vertices, Faces] | Vertices | Any,
     faces: Faces | None = None,

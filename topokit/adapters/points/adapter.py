@@ -26,7 +26,7 @@ from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
 
-@takes_addresses
+@takes_addresses()
 def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,
     normals: Tensor | ArrayLike | None = None,

@@ -13,6 +13,7 @@ from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 
 TEXT = (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc")
+_PROSE = (".txt", ".csv")
 LAS = b"LASF"
 E57 = b"ASTM-E57"
 PARQUET = b"PAR1"
@@ -42,6 +43,15 @@ def _has_line(content: mmap, letter: bytes) -> bool:
     return content[:4].lstrip()[:2].replace(b"\t", b" ") == letter + b" " or bool(re.search(_LINES[letter], content))
 
 
+def may_be_points(path: Path) -> bool:
+    """Whether a file with one of the suffixes may be a cloud: notes and tables have some of them, too."""
+    if path.suffix.lower() not in _PROSE:
+        return True
+    from topokit.adapters.points.text import holds_rows  # imports NumPy, which the command line does without
+
+    return holds_rows(path)
+
+
 def is_pcd(start: bytes) -> bool:
     """Whether a file that begins with these bytes is a .pcd; the comment with the format's name may be missing."""
     header = rb"^(VERSION .*\n\s*FIELDS|FIELDS .*\n(.*\n)*?DATA) "
@@ -67,4 +77,6 @@ POINTS = Adapter(
     ),
     differentiable=True,
     opener="topokit.adapters.points.adapter:from_points",
+    is_large="topokit.adapters.points.large:is_large",
+    may_open=may_be_points,
 )

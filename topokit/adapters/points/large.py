@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,11 @@ def stored_cloud(source: object, block_points: int | None, client: Any) -> Store
             "files, .npy files of one array, and memory maps of these."
         )
     return stored if stored is not None and (is_wanted or stored.n_points > MOST_IN_MEMORY) else None
+
+
+def is_large(source: Path, options: Mapping[str, Any]) -> bool:
+    """Whether `from_points` reads a file block by block; see `Adapter.is_large`."""
+    return stored_cloud(source, options.get("block_points"), None) is not None
 
 
 def _is_file(mapped: np.memmap[Any, Any]) -> bool:

@@ -23,7 +23,7 @@ from topokit.shape import Shape
 _FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 100_000
 
 
-@takes_addresses
+@takes_addresses()
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
     *,

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.entry import is_volume
+from topokit.adapters.voxels.entry import ADDRESSES, is_volume
 from topokit.adapters.voxels.field import SLAB, Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.images import image_of
@@ -30,7 +30,7 @@ from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_positions, as_tensor
 from topokit.inputs.files import existing_file, user_path
-from topokit.inputs.remote import is_zarr_address, takes_addresses
+from topokit.inputs.remote import lies_in, takes_addresses
 from topokit.inputs.unpacking import unpacked
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
@@ -38,7 +38,7 @@ from topokit.report.wording import plural
 from topokit.shape import Shape
 
 
-@takes_addresses
+@takes_addresses(ADDRESSES)
 def from_voxels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
     *,
@@ -145,7 +145,7 @@ def open_volume(
 ) -> tuple[str, Tensor, Spacing]:
     """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
     name, own_spacing = "voxels", None
-    if isinstance(volume, str | os.PathLike) and not is_zarr_address(volume):
+    if isinstance(volume, str | os.PathLike) and not lies_in(volume, ADDRESSES):
         path = user_path(volume)
         path = path if path.is_dir() and is_volume(path) else existing_file(path)
         with unpacked(path) as plain:

@@ -13,6 +13,7 @@ from topokit.plugins.adapter import Adapter
 NRRD = b"NRRD0"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 _ZARR = ("zarr.json", ".zarray", ".zgroup")  # a folder with one of these is an array or a group, of version 3 or 2
+ADDRESSES = (".zarr",)
 _LOOKED_AT = 16  # files of a folder
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 
@@ -79,4 +80,7 @@ VOXELS = Adapter(
         *((suffix, "h5py") for suffix in (".h5", ".hdf5")),
     ),
     opener="topokit.adapters.voxels.adapter:from_voxels",
+    addresses=ADDRESSES,
+    open_labels="topokit.adapters.voxels.labels:from_labels",
+    is_large="topokit.adapters.voxels.large:is_large",
 )

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import as_position, as_spacing, from_voxels, open_volume
+from topokit.adapters.voxels.entry import ADDRESSES
 from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
 from topokit.core.components import Corner
 from topokit.core.draws import deferred_seed
@@ -26,7 +27,7 @@ from topokit.shape import Shape
 Labels = Literal["all"] | Sequence[int]
 
 
-@takes_addresses
+@takes_addresses(ADDRESSES)
 def from_labels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,
     labels: Labels = "all",

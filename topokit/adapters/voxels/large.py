@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -59,6 +60,11 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
     stored = readable_in_blocks(volume) if stored is None else stored
     most_voxels = block_voxels or MOST_VOXELS
     return Blocks(stored, Division.of(stored.chunks, most_voxels), most_voxels, client)
+
+
+def is_large(source: Path | str, options: Mapping[str, Any]) -> bool:
+    """Whether `from_voxels` counts a file block by block; see `Adapter.is_large`."""
+    return blocks_of(source, options.get("dataset"), options.get("block_voxels"), None) is not None
 
 
 def labels_in_blocks(blocks: Blocks) -> dict[int, LabelBox]:

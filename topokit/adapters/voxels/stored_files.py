@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from topokit.adapters.voxels.entry import HDF5, is_zarr
+from topokit.adapters.voxels.entry import ADDRESSES, HDF5, is_zarr
 from topokit.adapters.voxels.stored import (
     HdfVolume,
     IndexedVolume,
@@ -25,7 +25,7 @@ from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.numpy_header import NUMPY, array_shapes
 from topokit.inputs.reading import reading
-from topokit.inputs.remote import asking, is_zarr_address
+from topokit.inputs.remote import asking, lies_in
 
 _HOW = 'pip install "topokit[cluster]"'
 
@@ -42,7 +42,7 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
         MissingDependencyError: if the package for its format is not installed.
         InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
     """
-    if isinstance(volume, str) and is_zarr_address(volume):
+    if isinstance(volume, str) and lies_in(volume, ADDRESSES):
         found: StoredVolume | None = _zarr_volume(volume, dataset)
     elif isinstance(volume, str | os.PathLike):
         found = _stored_file(user_path(volume), dataset)

@@ -72,16 +72,16 @@ def test_a_large_volume_is_counted_by_all_workers(
     np.save(folder / "volume.npy", np.random.default_rng(0).random((20, 30, 40)) < 0.3)
     expected = tk.survey(folder).rows
     monkeypatch.setattr("topokit.adapters.voxels.large.MOST_IN_MEMORY", 1000)
-    from topokit.adapters.voxels import counting
+    from topokit.adapters.voxels import large
 
     clients: list[Any] = []
-    original = counting.answer_in_blocks
+    original = large.answer_in_blocks
 
     def watched(*given: Any) -> Any:
         clients.append(given[-1])
         return original(*given)
 
-    monkeypatch.setattr(counting, "answer_in_blocks", watched)
+    monkeypatch.setattr(large, "answer_in_blocks", watched)
     assert answered(tk.survey(folder, client=dask_client).rows) == answered(expected)
     assert clients == [dask_client]
 

@@ -94,7 +94,7 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
     started = time.perf_counter()
     shape = tk.from_points(torch.from_numpy(points), normals=normals)
     report = shape.report()
-    found = shape._only_examination()
+    found = shape._known.examination()
     witness, boundary = found.witness, found.part.boundary
     closed = witness is not None and report.closed and witness.wire is None
     return {

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from time import process_time
 
@@ -25,7 +26,7 @@ import trimesh
 
 import topokit as tk
 from topokit.core.handles.find import find_handles
-from topokit.core.handles.repair import without_loops
+from topokit.core.handles.surgery import without_loops
 from topokit.core.mesh.topology import mesh_topology
 from topokit.testing import genus_mesh
 
@@ -36,7 +37,7 @@ MOST_SECONDS, MOST_GIB = 60.0, 6.0
 
 def lengths_by_topokit(vertices: np.ndarray, faces: np.ndarray) -> tuple[list[float], list[float]]:
     handles = find_handles(vertices, mesh_topology(vertices, faces))
-    return [handle.inside.length for handle in handles], [handle.outside.length for handle in handles]
+    return [handle.handle_length for handle in handles], [handle.tunnel_length for handle in handles]
 
 
 def lengths_by_meshlib(vertices: np.ndarray, faces: np.ndarray) -> tuple[list[float], list[float]]:
@@ -107,11 +108,12 @@ def removed_one_by_one(vertices: np.ndarray, faces: np.ndarray, kind: str) -> in
     done = 0
     while found := find_handles(vertices, mesh_topology(vertices, faces)):
         taken: set[int] = set()
-        for loop in sorted((getattr(handle, kind) for handle in found), key=lambda loop: loop.length):
-            if taken.isdisjoint(loop.vertices.tolist()):
-                taken |= set(loop.vertices.tolist())
+        for handle in sorted(found, key=attrgetter(f"{kind}_length")):
+            loop = getattr(handle, f"{kind}_vertices")
+            if taken.isdisjoint(loop.tolist()):
+                taken |= set(loop.tolist())
                 genus = mesh_topology(vertices, faces).genus
-                vertices, faces = without_loops(vertices, faces, [loop.vertices])
+                vertices, faces = without_loops(vertices, faces, [loop])
                 after = mesh_topology(vertices, faces)
                 assert genus is not None
                 assert (after.genus, after.is_closed) == (genus - 1, True)
@@ -126,7 +128,7 @@ def cut_and_fill(data: Path) -> None:
         found = find_handles(vertices, mesh_topology(vertices, faces))
         seconds = process_time() - started
         assert len(found) == genus, f"{name}: {len(found)} pairs of loops, {genus} expected"
-        cuts, fills = (removed_one_by_one(vertices, faces, kind) for kind in ("inside", "outside"))
+        cuts, fills = (removed_one_by_one(vertices, faces, kind) for kind in ("handle", "tunnel"))
         assert cuts == fills == genus, f"{name}: {cuts} cuts and {fills} fills, {genus} expected"
         n_meshes, n_handles = n_meshes + 1, n_handles + genus
         print(f"{name:60s} genus {genus:3d}: all cut, all filled; found in {seconds:.2f} s", flush=True)

@@ -20,8 +20,6 @@ FLOORS = [
     {"core"},
     {"report", "export"},
     {"pages"},
-    {"shape_data", "handle"},
-    {"shape_differentiable"},
     {"shape"},
     {"plugins", "losses"},
     {"adapters"},

@@ -7,6 +7,7 @@ from .adapters.splats.gaussians import GaussianSplats
 from .adapters.voxels.adapter import from_voxels
 from .adapters.voxels.labels import from_labels
 from .batch.survey import survey
+from .core.handles.handle import Handle
 from .core.local.curvature import Curvature
 from .core.samples import SurfaceSamples
 from .errors import (
@@ -19,7 +20,6 @@ from .errors import (
     TopokitError,
     UnknownFormatError,
 )
-from .handle import Handle
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import topokit as tk
 from topokit.export.scene import Mark, Scene, scene_of
-from topokit.pages.geometry import pack
+from topokit.pages.fragment import pack
 from topokit.testing import sphere_samples, torus_mesh
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 import topokit as tk
-from topokit.export.scene import Mark
+from topokit.export.scene import Mark, marks_of
 from topokit.pages import page_of
-from topokit.pages.marks import marks_of
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 from topokit.testing.meshes import joined
 
@@ -57,10 +56,10 @@ def test_points_without_a_surface_have_no_marks_but_a_page() -> None:
     assert page_of(shape, shape.report(locate=True)).details
 
 
-def test_only_so_many_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_so_many_are_shown() -> None:
     most = 30
-    monkeypatch.setattr("topokit.pages.marks.MOST_MARKS", most)
     spheres = joined(*(icosphere(0) for _ in range(most + 10)))
     torn = np.delete(spheres[1], np.arange(0, len(spheres[1]), 20), axis=0)
-    found = marks(tk.from_mesh(spheres[0], torn))
-    assert kinds(found).count("boundary") == most
+    location = tk.from_mesh(spheres[0], torn).report(locate=True).location
+    assert kinds(marks_of(location, most)).count("boundary") == most
+    assert kinds(marks_of(location, None)).count("boundary") == most + 10

@@ -30,9 +30,9 @@ def handles(
 
     def answer(shape: Shape) -> str:
         from topokit.export.loops import save_loops
-        from topokit.report.locate import located_handles
         from topokit.report.location import Location
         from topokit.report.report import plain
+        from topokit.shape.locate import located_handles
 
         found = located_handles(shape.handles())
         if output is not None:

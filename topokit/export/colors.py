@@ -3,34 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
-from torch import Tensor
 
 from topokit.core.local.curvature import Curvature
-from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 Floats = NDArray[np.float64]
 Quantity = Literal["gaussian", "mean", "total"]
 _LEAST = 1e-200  # stands for a distance of 0; its inverse can still be summed
 _NEAREST = 6  # samples from which the value at a mesh vertex is interpolated
-
-
-class Exportable(Protocol):
-    """What exports need: a `topokit.Shape`."""
-
-    name: str
-    mesh: tuple[Tensor, Tensor] | None
-
-    @property
-    def samples(self) -> SurfaceSamples: ...
-
-    def curvature(self) -> Curvature: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +41,7 @@ class ColoredSurface:
     faces: NDArray[np.int64] | None
 
 
-def curvature_of_one(shape: Exportable, done: str) -> Curvature:
+def curvature_of_one(shape: Shape, done: str) -> Curvature:
     """Curvature of a shape that is not batched, without a graph.
 
     Args:
@@ -71,7 +60,7 @@ def curvature_of_one(shape: Exportable, done: str) -> Curvature:
         return shape.curvature()
 
 
-def colored_surface(shape: Exportable, color_by: Quantity = "gaussian") -> ColoredSurface:
+def colored_surface(shape: Shape, color_by: Quantity = "gaussian") -> ColoredSurface:
     """Curvature of a shape at its vertices if it has a mesh, else at its samples.
 
     Vertices without a face, such as those that were merged with an equal one, are left out.

@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from topokit.errors import InputError
-from topokit.export.colors import Floats
 from topokit.export.picture import MARK_COLORS
-from topokit.export.scene import MarkKind
+from topokit.export.scene import Mark, marks_of
 from topokit.inputs.ply import write_ply
 from topokit.inputs.writing import completed_file
 
-Curve = tuple[MarkKind, str, Floats, bool | None]
-"""What it marks, its name, its points, and whether it is closed; None for points that are not joined."""
+if TYPE_CHECKING:
+    from topokit.report.location import Location
 
 
-class Located(Protocol):
-    """What is written: the location of a report, `topokit.report.location.Location`."""
-
-    @property
-    def handles(self) -> Sequence[Any]: ...
-
-    @property
-    def boundaries(self) -> Sequence[Any]: ...
-
-    @property
-    def defects(self) -> Sequence[Any]: ...
-
-
-def save_loops(location: Located, path: str | os.PathLike[str]) -> int:
+def save_loops(location: Location, path: str | os.PathLike[str]) -> int:
     """Write the places of a report as polylines, colored by kind: handles, tunnels, boundaries, defects.
 
     Args:
@@ -53,48 +39,40 @@ def save_loops(location: Located, path: str | os.PathLike[str]) -> int:
         raise InputError(f"{target} does not end with .ply or .glb, the formats that curves are written in: rename it.")
     if not target.parent.is_dir():
         raise InputError(f"the folder of {target} does not exist: create it first.")
-    curves = list(_curves(location))
-    if target.suffix.lower() == ".ply":
-        curves += [("defect", defect.kind, defect.points, None) for defect in location.defects]
+    is_ply = target.suffix.lower() == ".ply"
+    curves = [mark for mark in marks_of(location, None) if is_ply or mark.form != "dots"]
     if not curves:
         raise InputError(f"there is no curve to write to {target}: nothing was located.")
     with completed_file(target) as unfinished:
-        (_write_ply if target.suffix.lower() == ".ply" else _write_gltf)(unfinished, curves)
+        (_write_ply if is_ply else _write_gltf)(unfinished, curves)
     return len(curves)
 
 
-def _curves(location: Located) -> Iterator[Curve]:
-    for number, handle in enumerate(location.handles, 1):
-        yield "handle", f"handle {number}: handle loop", handle.handle_loop, True
-        yield "tunnel", f"handle {number}: tunnel loop", handle.tunnel_loop, True
-    for number, boundary in enumerate(location.boundaries, 1):
-        yield "boundary", f"boundary {number}", boundary.points, boundary.closed
-
-
-def _write_ply(path: Path, curves: Sequence[Curve]) -> None:
+def _write_ply(path: Path, curves: Sequence[Mark]) -> None:
     colors = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    vertices = np.empty(sum(len(points) for _, _, points, _ in curves), [(axis, "f8") for axis in "xyz"] + colors)
+    vertices = np.empty(sum(len(curve.points) for curve in curves), [(axis, "f8") for axis in "xyz"] + colors)
     pieces, start = [], 0
-    for kind, _, points, closed in curves:
-        index = start + np.arange(len(points))
-        for axis, values in zip("xyz", points.T, strict=True):
+    for curve in curves:
+        count = len(curve.points)
+        index = start + np.arange(count)
+        for axis, values in zip("xyz", curve.points.T, strict=True):
             vertices[axis][index] = values
-        n_edges = 0 if closed is None else len(points) - (not closed)
+        n_edges = 0 if curve.form == "dots" else count - (curve.form == "curve")
         edges = np.empty(n_edges, [("vertex1", "i4"), ("vertex2", "i4"), *colors])
         edges["vertex1"], edges["vertex2"] = index[:n_edges], np.roll(index, -1)[:n_edges]
-        for name, value in zip(("red", "green", "blue"), MARK_COLORS[kind], strict=True):
+        for name, value in zip(("red", "green", "blue"), MARK_COLORS[curve.kind], strict=True):
             vertices[name][index], edges[name] = value, value
         pieces.append(edges)
-        start += len(points)
+        start += count
     write_ply(path, vertex=vertices, edge=np.concatenate(pieces))
 
 
-def _write_gltf(path: Path, curves: Sequence[Curve]) -> None:
+def _write_gltf(path: Path, curves: Sequence[Mark]) -> None:
     import trimesh
 
     scene = trimesh.Scene()
-    for kind, label, points, closed in curves:
-        corners = np.vstack((points, points[:1])) if closed else points
-        entity = trimesh.path.entities.Line(np.arange(len(corners)), color=(*MARK_COLORS[kind], 255))
-        scene.add_geometry(trimesh.path.Path3D([entity], corners, process=False), geom_name=label)
+    for curve in curves:
+        corners = np.vstack((curve.points, curve.points[:1])) if curve.form == "loop" else curve.points
+        entity = trimesh.path.entities.Line(np.arange(len(corners)), color=(*MARK_COLORS[curve.kind], 255))
+        scene.add_geometry(trimesh.path.Path3D([entity], corners, process=False), geom_name=curve.label)
     scene.export(str(path))

@@ -5,13 +5,16 @@ from __future__ import annotations
 import ctypes
 import re
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.errors import MissingDependencyError
-from topokit.export.colors import ColoredSurface, Exportable, Quantity, colored_surface
+from topokit.export.colors import ColoredSurface, Quantity, colored_surface
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 _INSTALL = 'pip install "topokit[open3d]"'
 _DEBIAN_PACKAGES = {
@@ -22,7 +25,7 @@ _DEBIAN_PACKAGES = {
 }
 
 
-def to_open3d(shape: Exportable, color_by: Quantity = "gaussian", *, tensor: bool = False) -> Any:
+def to_open3d(shape: Shape, color_by: Quantity = "gaussian", *, tensor: bool = False) -> Any:
     """A shape as a geometry of open3d, with curvature as colors.
 
     A mesh stays a mesh, each vertex with the curvature of the samples around it; any other shape becomes the cloud of

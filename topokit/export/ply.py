@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.export.colors import Exportable, Quantity, colored_surface
+from topokit.export.colors import Quantity, colored_surface
 from topokit.inputs.ply import write_ply
 
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
-def save_ply(shape: Exportable, path: str | os.PathLike[str], color_by: Quantity = "gaussian") -> int:
+
+def save_ply(shape: Shape, path: str | os.PathLike[str], color_by: Quantity = "gaussian") -> int:
     """Write positions, normals, colors and the fields gaussian, mean, total, k_min, k_max, area as binary PLY.
 
     A mesh keeps its vertices and faces; any other shape is written as its samples.

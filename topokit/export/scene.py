@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +12,22 @@ from torch import Tensor
 from topokit.core.grid.field import Field
 from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.local.curvature import Curvature
-from topokit.export.colors import Exportable, Floats, curvature_of_one, interpolate
+from topokit.export.colors import Floats, curvature_of_one, interpolate
+
+if TYPE_CHECKING:
+    from topokit.report.location import Location
+    from topokit.shape import Shape
 
 Integers = NDArray[np.int64]
 MarkKind = Literal["handle", "tunnel", "boundary", "defect"]
 MarkForm = Literal["loop", "curve", "dots"]
 
+MOST_MARKS = 300  # of each kind in a scene, in the order of the report; a scan can have thousands
+_MOST_POINTS = 400  # dots of one defect
+
 _SMOOTHING = 24  # samples over which the curvature of a vertex is averaged, for a picture without speckles
 _LONGEST_EDGE = 0.03  # of the longest side of the box; longer edges are divided while the triangles stay few
 _GRID = 192  # cells along the longest side from which a field is shown in steps of several cells
-
-
-class Drawable(Exportable, Protocol):
-    """What a scene is made of: a `topokit.Shape`."""
-
-    field: Field | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,28 @@ class Scene:
     note: str | None = None
 
 
-def scene_of(shape: Drawable, marks: tuple[Mark, ...] = (), *, max_faces: int, max_points: int) -> Scene:
+def marks_of(location: Location | None, most: int | None = MOST_MARKS) -> tuple[Mark, ...]:
+    """Handles, tunnels, boundaries and defects in the order of the report; none for None.
+
+    Args:
+        location: of a report.
+        most: of each kind; then defects have a part of their points, too. None for all.
+    """
+    if location is None:
+        return ()
+    marks: list[Mark] = []
+    for number, handle in enumerate(location.handles[:most], start=1):
+        marks.append(Mark("handle", f"handle {number}: handle loop", handle.handle_loop, "loop"))
+        marks.append(Mark("tunnel", f"handle {number}: tunnel loop", handle.tunnel_loop, "loop"))
+    for number, boundary in enumerate(location.boundaries[:most], start=1):
+        marks.append(Mark("boundary", f"boundary {number}", boundary.points, "loop" if boundary.closed else "curve"))
+    for defect in location.defects[:most]:
+        step = 1 if most is None else -(-len(defect.points) // _MOST_POINTS)
+        marks.append(Mark("defect", defect.kind, defect.points[::step], "dots"))
+    return tuple(marks)
+
+
+def scene_of(shape: Shape, marks: tuple[Mark, ...] = (), *, max_faces: int, max_points: int) -> Scene:
     """The scene of a shape: its mesh, else the level set of its field, else its samples.
 
     Args:
@@ -156,7 +178,7 @@ def _points_scene(
     return Scene(points, normals, shown, limit, None, marks, note)
 
 
-def _mesh(shape: Drawable) -> tuple[Floats, Integers, str | None] | None:
+def _mesh(shape: Shape) -> tuple[Floats, Integers, str | None] | None:
     """Vertices and faces of the mesh or of the field's level set, with a note; None if there is neither."""
     if shape.mesh is not None:
         return _numpy(shape.mesh[0]), shape.mesh[1].cpu().numpy(), None

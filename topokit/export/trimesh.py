@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
-from topokit.export.colors import Exportable, Quantity, colored_surface
+from topokit.export.colors import Quantity, colored_surface
 
 if TYPE_CHECKING:
     import trimesh
+
+    from topokit.shape import Shape
 
 
 def as_trimesh(surface: TriangleSurface) -> trimesh.Trimesh:
@@ -19,7 +21,7 @@ def as_trimesh(surface: TriangleSurface) -> trimesh.Trimesh:
     return trimesh.Trimesh(surface.vertices, surface.faces, process=False)
 
 
-def to_trimesh(shape: Exportable, color_by: Quantity | None = "gaussian") -> trimesh.Trimesh:
+def to_trimesh(shape: Shape, color_by: Quantity | None = "gaussian") -> trimesh.Trimesh:
     """The mesh of a shape as a `trimesh.Trimesh`, with curvature as vertex colors and attributes.
 
     Vertices and faces are those that the shape was counted from; nothing is merged or removed. Each vertex has the

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from topokit.errors import InputError
 from topokit.inputs.writing import completed_file
-from topokit.pages.details import PAGES
-from topokit.pages.fragment import Fragment
-from topokit.report.html import environment, report_styles
+from topokit.pages.fragment import PAGES, Fragment
+from topokit.report.report import environment, report_styles
 
 _MOST_SCENES = 200_000_000  # bytes of base64 in one page; browsers get slow beyond. Later shapes have a picture only
 
@@ -35,19 +35,6 @@ class Entry:
     fragment: Fragment | None
     error: str | None = None
     seconds: float | None = None
-
-
-@dataclass(frozen=True)
-class _Row:
-    """An entry as the template needs it."""
-
-    name: str
-    fragment: Fragment | None
-    error: str | None
-    seconds: float | None
-    thumbnail: str | None
-    scene: str | None
-    left_out: bool
 
 
 def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title: str | None = None) -> None:
@@ -87,26 +74,18 @@ def _page(entries: Iterator[Entry], title: str) -> Iterator[str]:
     return template.generate(title=title, style=style, script=script, digest=digest, rows=_rows(entries))
 
 
-def _rows(entries: Iterator[Entry]) -> Iterator[_Row]:
+def _rows(entries: Iterator[Entry]) -> Iterator[dict[str, Any]]:
+    """What the template needs of each entry."""
     n_bytes = 0
     for entry in entries:
-        fragment = entry.fragment
-        scene = None if fragment is None or fragment.scene is None else _base64(fragment.scene)
-        n_bytes += len(scene or "")
-        left_out = n_bytes > _MOST_SCENES
-        yield _Row(
-            name=entry.name,
-            fragment=fragment,
-            error=entry.error,
-            seconds=entry.seconds,
-            thumbnail=None if fragment is None or fragment.thumbnail is None else _base64(fragment.thumbnail),
-            scene=None if left_out else scene,
-            left_out=left_out and scene is not None,
-        )
+        scene, thumbnail = (_base64(getattr(entry.fragment, name, None)) for name in ("scene", "thumbnail"))
+        n_bytes += len(scene)
+        left_out = scene != "" and n_bytes > _MOST_SCENES
+        yield {**vars(entry), "thumbnail": thumbnail, "scene": "" if left_out else scene, "left_out": left_out}
 
 
-def _base64(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
+def _base64(data: bytes | None) -> str:
+    return base64.b64encode(data or b"").decode("ascii")
 
 
 @cache

@@ -2,48 +2,33 @@
 
 from __future__ import annotations
 
+import gzip
 import io
+import json
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from topokit.errors import TopokitError
+from topokit.export.colors import Floats
 from topokit.export.picture import picture_of
-from topokit.export.scene import Drawable, scene_of
-from topokit.pages.details import details_html
-from topokit.pages.geometry import pack
-from topokit.pages.marks import marks_of
-from topokit.report.report import TopologyReport
+from topokit.export.scene import Mark, Scene, marks_of, scene_of
+from topokit.report.report import TopologyReport, environment, report_html
 
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+PAGES = "topokit.pages"  # whose templates are used
 MAX_FACES = 12_000  # triangles of one shape among many: about 100 kB in the page
 MAX_POINTS = 12_000
 _THUMBNAIL = 144  # pixels along a thumbnail; it is shown at half of that, sharp on dense screens
 _QUALITY = 70  # of the WebP encoder
-
-
-@dataclass(frozen=True)
-class Facts:
-    """The columns of a folder's table for one shape; None is an empty cell.
-
-    Attributes:
-        verdict: "certain", "likely" or "unsure".
-        euler: Euler characteristic of the surface.
-        genus: handles summed over components.
-        components: connected components of the surface.
-        boundary_loops: closed boundary curves.
-        closed: whether the surface is closed.
-        reason: the reason that decided the verdict.
-    """
-
-    verdict: str
-    euler: int | None
-    genus: int | None
-    components: int
-    boundary_loops: int | None
-    closed: bool
-    reason: str
+_MOST_PLACES = 200  # rows of the table of places; all of them are drawn
+_STEPS = 65535  # of a coordinate along the longest side of the box, 16 bits
+_UNKNOWN = -128  # the value of a vertex whose curvature is unknown; others are −127 … 127
 
 
 @dataclass(frozen=True)
@@ -51,20 +36,21 @@ class Fragment:
     """One shape of a page: picklable, without tensors.
 
     Attributes:
-        facts: its row in the table of a folder.
+        facts: its row in the table of a folder: verdict, euler, genus, components, boundary_loops and closed as in the
+            report, and the reason that decided the verdict.
         details: verdict, reasons, evidence, places and components as escaped HTML.
         thumbnail: a square WebP picture, or None if the shape cannot be drawn.
-        scene: geometry for the 3D view, see `topokit.pages.geometry.pack`; None if the shape cannot be drawn.
+        scene: geometry for the 3D view, see `pack`; None if the shape cannot be drawn.
     """
 
-    facts: Facts
+    facts: dict[str, Any]
     details: str
     thumbnail: bytes | None
     scene: bytes | None
 
 
 def page_of(
-    shape: Drawable, report: TopologyReport, *, max_faces: int = MAX_FACES, max_points: int = MAX_POINTS
+    shape: Shape, report: TopologyReport, *, max_faces: int = MAX_FACES, max_points: int = MAX_POINTS
 ) -> Fragment:
     """The part of a page that shows one shape.
 
@@ -83,22 +69,21 @@ def page_of(
     note = problem if scene is None else scene.note
     return Fragment(
         facts=_facts(report),
-        details=details_html(report, marks, note),
+        details=_details(report, marks, note),
         thumbnail=None if scene is None else webp(picture_of(scene, _THUMBNAIL)),
         scene=None if scene is None else pack(scene),
     )
 
 
-def _facts(report: TopologyReport) -> Facts:
-    return Facts(
-        verdict=report.verdict,
-        euler=report.euler,
-        genus=report.genus,
-        components=report.components,
-        boundary_loops=report.boundary_loops,
-        closed=report.closed,
-        reason=report.reasons[0] if report.reasons else "",
-    )
+def _facts(report: TopologyReport) -> dict[str, Any]:
+    names = ("verdict", "euler", "genus", "components", "boundary_loops", "closed")
+    return {name: getattr(report, name) for name in names} | {"reason": "".join(report.reasons[:1])}
+
+
+def _details(report: TopologyReport, marks: tuple[Mark, ...], note: str | None) -> str:
+    """The text beside the 3D view: the report, the places that a click finds in the view, and a note on the view."""
+    template = environment(PAGES).get_template("details.html")
+    return template.render(report=report_html(report), marks=marks, note=note, most=_MOST_PLACES)
 
 
 def webp(picture: NDArray[np.uint8]) -> bytes:
@@ -106,3 +91,48 @@ def webp(picture: NDArray[np.uint8]) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(picture).save(buffer, "WEBP", quality=_QUALITY, method=4)
     return buffer.getvalue()
+
+
+def pack(scene: Scene) -> bytes:
+    """A scene in gzip: length of the header (4 bytes), the header as JSON, then arrays, each from a multiple of 4.
+
+    The header tells the lowest corner and the size of the box, the limit of the colors, the marks, and for each array
+    its name, type and number of values. Coordinates are 16-bit steps of the box; curvatures are bytes, ±127 at the
+    limits. All numbers are little-endian.
+    """
+    every = np.concatenate((scene.positions, *(mark.points for mark in scene.marks)))
+    low, high = every.min(axis=0), every.max(axis=0)
+    size = float((high - low).max()) or 1.0
+    arrays: dict[str, NDArray[Any]] = {
+        "positions": _quantized(scene.positions, low, size),
+        "values": _bytes(scene.values / scene.limit),
+    }
+    if scene.faces is None:
+        arrays["normals"] = _bytes(scene.normals)
+    else:
+        arrays["faces"] = scene.faces.astype("<u2" if len(scene.positions) <= _STEPS else "<u4")
+    if scene.marks:
+        arrays["marks"] = _quantized(np.concatenate([mark.points for mark in scene.marks]), low, size)
+    header = {
+        "low": low.tolist(),
+        "size": size,
+        "limit": scene.limit,
+        "marks": [{"kind": mark.kind, "form": mark.form, "points": len(mark.points)} for mark in scene.marks],
+        "arrays": [[name, values.dtype.str[1:], values.size] for name, values in arrays.items()],
+    }
+    text = _padded(json.dumps(header).encode(), b" ")
+    parts = [len(text).to_bytes(4, "little"), text, *(_padded(values.tobytes(), b"\0") for values in arrays.values())]
+    return gzip.compress(b"".join(parts), compresslevel=9, mtime=0)
+
+
+def _quantized(positions: Floats, low: Floats, size: float) -> NDArray[np.uint16]:
+    return np.rint((positions - low) / size * _STEPS).astype("<u2")
+
+
+def _bytes(values: Floats) -> NDArray[np.int8]:
+    scaled = np.rint(127 * np.clip(values, -1, 1))
+    return np.where(np.isfinite(scaled), scaled, _UNKNOWN).astype(np.int8)
+
+
+def _padded(data: bytes, filler: bytes) -> bytes:
+    return data + filler * (-len(data) % 4)

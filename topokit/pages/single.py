@@ -9,33 +9,25 @@ import tempfile
 import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from PIL import Image
 
 from topokit.errors import TopokitError
 from topokit.export.picture import EYE, Eye, picture_of
-from topokit.export.scene import Drawable, scene_of
-from topokit.pages.details import PAGES
+from topokit.export.scene import marks_of, scene_of
 from topokit.pages.document import Entry, page_text, write_html
-from topokit.pages.fragment import MAX_FACES, MAX_POINTS, page_of, webp
-from topokit.pages.marks import marks_of
-from topokit.report.html import environment, report_html, report_styles
-from topokit.report.report import TopologyReport
+from topokit.pages.fragment import MAX_FACES, MAX_POINTS, PAGES, page_of, webp
+from topokit.report.report import TopologyReport, environment, report_html, report_styles
+
+if TYPE_CHECKING:
+    from topokit.shape import Shape
 
 SIDE = 600  # pixels of a picture
 _MOST_FACES = 120_000  # of the page of a single shape: about a megabyte
 _MOST_POINTS = 40_000
 _NOTEBOOK_SIDE = 360  # pixels of the picture, which is shown at half of that
 _NOTEBOOK_HEIGHT = 560
-
-
-class Reportable(Drawable, Protocol):
-    """What is shown: a `topokit.Shape`."""
-
-    notes: tuple[str, ...]
-
-    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport: ...
 
 
 @dataclass(frozen=True)
@@ -53,19 +45,19 @@ class View:
         )
 
 
-def picture(shape: Reportable, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
+def picture(shape: Shape, side: int = SIDE, *, eye: Eye = EYE, locate: bool = False) -> Image.Image:
     """A square picture of a shape, colored by Gaussian curvature; see `topokit.Shape.picture`."""
     marks = marks_of(shape.report(locate=True).location) if locate else ()
     scene = scene_of(shape, marks, max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Image.fromarray(picture_of(scene, side, eye))
 
 
-def save_page(shape: Reportable, path: str | os.PathLike[str]) -> None:
+def save_page(shape: Shape, path: str | os.PathLike[str]) -> None:
     """Write the page of a shape; see `topokit.Shape.save_html`."""
     write_html([_entry(shape)], path, title=shape.name)
 
 
-def show(shape: Reportable) -> View | None:
+def show(shape: Shape) -> View | None:
     """Show the page of a shape: in a notebook as the value of the cell, elsewhere in a new tab of the browser."""
     if _in_notebook():
         return View(page_text(_entry(shape), shape.name))
@@ -75,7 +67,7 @@ def show(shape: Reportable) -> View | None:
     return None
 
 
-def shape_html(shape: Reportable, known: TopologyReport | None, *, draw: bool) -> str:
+def shape_html(shape: Shape, known: TopologyReport | None, *, draw: bool) -> str:
     """A small static view of a shape for notebooks; see `topokit.Shape._repr_html_`.
 
     Args:
@@ -104,7 +96,7 @@ def shape_html(shape: Reportable, known: TopologyReport | None, *, draw: bool) -
     )
 
 
-def _entry(shape: Reportable) -> Entry:
+def _entry(shape: Shape) -> Entry:
     fragment = page_of(shape, shape.report(locate=True), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
     return Entry(shape.name, fragment)
 

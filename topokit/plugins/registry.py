@@ -181,7 +181,7 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
 
 def _load_file(adapter: Adapter, path: Path, options: Mapping[str, Any]) -> Shape:
     """The shape of a file or folder; gzip files are unpacked first, unless their suffix is one of the adapter's."""
-    from topokit.shape_data import UNNAMED
+    from topokit.shape import UNNAMED
 
     if path.name.lower().endswith(adapter.suffixes):
         shape = open_with(adapter, path, options)

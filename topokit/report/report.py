@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
@@ -15,7 +17,12 @@ from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
 from topokit.text import json_text, printable
 
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
 Betti = tuple[int, int, int]
+
+_MOST_COMPONENTS = 50  # rows of the table in HTML; a scan can have thousands of components
 
 
 @dataclass(frozen=True)
@@ -146,9 +153,41 @@ class TopologyReport:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        from topokit.report.html import notebook_html
+        return f'<style>{report_styles()}</style><div class="topokit">{report_html(self)}</div>'
 
-        return notebook_html(self)
+
+def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) -> TopologyReport:
+    """The report of a counted answer.
+
+    Args:
+        name: what was examined.
+        notes: sentences about what was found or changed while opening it.
+        counted: the answer.
+    """
+    components, closed = counted.components, counted.closed
+    deciding, others = counted.reasons[: counted.n_deciding], counted.reasons[counted.n_deciding :]
+    genus = components.genus
+    return TopologyReport(
+        name=name,
+        euler=counted.evidence.integer,
+        genus=genus,
+        components=len(components),
+        cavities=components.cavities if closed else None,
+        surface_betti=(len(components), 2 * genus, len(components)) if closed and genus is not None else None,
+        solid_betti=components.solid_betti if closed else None,
+        boundary_loops=counted.boundary_loops,
+        closed=closed,
+        verdict=counted.verdict,
+        reasons=deciding + notes + others,
+        evidence=(counted.evidence, *counted.further),
+        estimate=None,
+        refined=None,
+        solid=None,
+        resolution=counted.resolution,
+        per_component=components,
+        n_deciding=len(deciding),
+        confidence=1.0 if counted.verdict == "certain" else None,
+    )
 
 
 def plain(value: Any) -> Any:
@@ -198,3 +237,34 @@ def known_genus(report: TopologyReport, *, is_manifold: bool | None = None) -> i
     else:
         reason, call = why(report), "shape.report() holds all evidence."
     raise GenusError(f"{report.name}: genus is undefined or unknown. {reason} {call}")
+
+
+def report_html(report: TopologyReport) -> str:
+    """The report as escaped HTML, without styles; `report_styles` has them.
+
+    Args:
+        report: any report.
+    """
+    shown = report.per_component[:_MOST_COMPONENTS]
+    return environment().get_template("report.html").render(report=report, components=shown)
+
+
+@cache
+def report_styles() -> str:
+    """The style sheet of reports; every rule is within the class topokit."""
+    return files("topokit.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
+
+
+@cache
+def environment(package: str = "topokit.report") -> Environment:
+    """The templates of a package; everything that they insert is escaped, and texts of any origin are printable."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader(package),
+        autoescape=True,
+        finalize=lambda value: printable(value) if type(value) is str else value,  # not what is marked as HTML
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )

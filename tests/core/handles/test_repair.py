@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from operator import attrgetter
 from pathlib import Path
 from typing import Literal
 
@@ -16,14 +17,15 @@ from planted_noise import planted
 
 import topokit as tk
 from topokit.core.handles.find import find_handles
-from topokit.core.handles.repair import simplified, without_boundary, without_loops
+from topokit.core.handles.repair import simplified, without_boundary
+from topokit.core.handles.surgery import without_loops
 from topokit.core.mesh.topology import mesh_topology
 from topokit.errors import InputError
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 from topokit.testing.meshes import Mesh, joined
 
 Floats = NDArray[np.float64]
-Kind = Literal["inside", "outside"]
+Kind = Literal["handle", "tunnel"]
 
 
 def without_all(mesh: Mesh, kind: Kind) -> Mesh:
@@ -32,12 +34,12 @@ def without_all(mesh: Mesh, kind: Kind) -> Mesh:
     while found := find_handles(vertices, mesh_topology(vertices, faces)):
         genus = len(found)
         assert genus == mesh_topology(vertices, faces).genus
-        loops = sorted((getattr(handle, kind) for handle in found), key=lambda loop: loop.length)
         taken: set[int] = set()
-        for loop in loops:
-            if taken.isdisjoint(loop.vertices.tolist()):
-                taken |= set(loop.vertices.tolist())
-                vertices, faces = without_loops(vertices, faces, [loop.vertices])
+        for handle in sorted(found, key=attrgetter(f"{kind}_length")):
+            loop = getattr(handle, f"{kind}_vertices")
+            if taken.isdisjoint(loop.tolist()):
+                taken |= set(loop.tolist())
+                vertices, faces = without_loops(vertices, faces, [loop])
                 genus -= 1
                 body = trimesh.Trimesh(vertices, faces, process=False)
                 assert body.is_watertight
@@ -48,7 +50,7 @@ def without_all(mesh: Mesh, kind: Kind) -> Mesh:
     return vertices, faces
 
 
-@pytest.mark.parametrize("kind", ["inside", "outside"])
+@pytest.mark.parametrize("kind", ["handle", "tunnel"])
 @pytest.mark.parametrize("genus", [1, 2, 5])
 def test_all_handles_can_be_cut_or_filled_until_a_sphere_is_left(genus: int, kind: Kind) -> None:
     mesh = genus_mesh(genus, 14)
@@ -78,7 +80,7 @@ def test_any_random_solid_becomes_spheres(seed: int) -> None:
     topology = mesh_topology(*mesh)
     if not topology.is_closed:
         reject()  # marching cubes pinched an edge
-    for kind in ("inside", "outside"):
+    for kind in ("handle", "tunnel"):
         after = mesh_topology(*without_all(mesh, kind))
         assert after.euler == 2 * len(after.components) == 2 * len(topology.components)
 
@@ -93,9 +95,8 @@ def test_ten_planted_handles_and_tunnels_are_found_smallest_first_and_removed() 
     small = found[:10]
     assert max(sizes[:10]) < 0.1 < sizes[10]
     for handle in small:
-        shorter = min(handle.inside, handle.outside, key=lambda loop: loop.length)
-        assert shorter.vertices.min() >= len(base[0]), "the shorter loop runs around a tube"
-    assert 3 <= sum(handle.inside.length < handle.outside.length for handle in small) <= 7, "handles and tunnels"
+        assert handle.shorter.min() >= len(base[0]), "the shorter loop runs around a tube"
+    assert 3 <= sum(handle.handle_length < handle.tunnel_length for handle in small) <= 7, "handles and tunnels"
     points, triangles = simplified(vertices, faces, 0.1)
     after = mesh_topology(points, triangles)
     assert (after.genus, after.is_closed, len(after.components)) == (1, True, 2)
@@ -158,7 +159,7 @@ def test_real_meshes_are_cut_and_filled_to_spheres(real_data: Path) -> None:
     for row in rows:
         if row["kind"] == "mesh" and row["clean_truth"] and row["genus"] and row["F"] < 6000:
             vertices, faces = (part.numpy() for part in tk.load(real_data / row["path"]).mesh)
-            for kind in ("inside", "outside"):
+            for kind in ("handle", "tunnel"):
                 after = mesh_topology(*without_all((vertices.astype(float), faces), kind))
                 assert after.euler == 2 * row["components"], row["name"]
             done += 1

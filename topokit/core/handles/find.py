@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from topokit.core.handles.cycle_basis import CycleBasis, edge_graph
+from topokit.core.handles.handle import Handle
 from topokit.core.handles.linking import decided_basis
 from topokit.core.handles.short_loops import SurfaceLoop, short_loops
 from topokit.core.handles.straightening import straightened
+from topokit.core.handles.surgery import Arrays
+from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import MeshTopology
 from topokit.errors import InputError
 
@@ -19,42 +22,7 @@ Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class FoundLoop:
-    """One loop, along edges and made straight across faces.
-
-    Attributes:
-        vertices: (N,) in order along edges of the mesh, the first not repeated.
-        corners: (M, 3) in order on the surface, the first not repeated.
-        length: of the polygon through the corners.
-    """
-
-    vertices: Integers
-    corners: Floats
-    length: float
-
-
-@dataclass(frozen=True, eq=False)
-class FoundHandle:
-    """One handle.
-
-    Attributes:
-        inside: a loop that bounds on the side that normals point away from.
-        outside: a loop that bounds on the side to which normals point, and crosses the other.
-        component: of the surface.
-    """
-
-    inside: FoundLoop
-    outside: FoundLoop
-    component: int
-
-    @property
-    def size(self) -> float:
-        """Length of the shorter loop."""
-        return min(self.inside.length, self.outside.length)
-
-
-def find_handles(vertices: Floats, topology: MeshTopology) -> list[FoundHandle]:
+def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
     """The handles of a closed mesh, smallest first.
 
     The loops of each side are a basis of the classes that bound there; both together are a basis of all. Each component
@@ -69,17 +37,14 @@ def find_handles(vertices: Floats, topology: MeshTopology) -> list[FoundHandle]:
     """
     found = []
     for component in np.flatnonzero(topology.components.genera > 0):
-        used, faces = np.unique(topology.faces[topology.face_labels == component], return_inverse=True)
-        found += _handles_of(vertices[used], faces.reshape(-1, 3), used, int(component))
-    return sorted(found, key=_size)
+        found += _handles_of((vertices, topology.faces), topology.face_labels == component, int(component))
+    return sorted(found, key=attrgetter("size"))
 
 
-def _size(handle: FoundHandle) -> float:
-    return handle.size
-
-
-def _handles_of(vertices: Floats, faces: Integers, names: Integers, component: int) -> list[FoundHandle]:
-    """The handles of one component whose vertices have other names in the whole mesh."""
+def _handles_of(mesh: Arrays, is_own: NDArray[np.bool_], component: int) -> list[Handle]:
+    """The handles of one component, whose faces are given as a mask (F,)."""
+    names, faces = np.unique(mesh[1][is_own], return_inverse=True)
+    vertices, faces = mesh[0][names], faces.reshape(-1, 3)
     decided = decided_basis(vertices, edge_graph(vertices, faces))
     if decided is None:
         raise InputError(
@@ -88,13 +53,22 @@ def _handles_of(vertices: Floats, faces: Integers, names: Integers, component: i
         )
     basis, projector = decided
     inside, outside = short_loops(basis, projector)
-    corners = straightened(vertices, faces, [loop.vertices for loop in (*inside, *outside)])
-    loops = [
-        FoundLoop(names[loop.vertices], polygon, _perimeter(polygon))
-        for loop, polygon in zip((*inside, *outside), corners, strict=True)
+    curves = straightened(vertices, faces, [loop.vertices for loop in (*inside, *outside)])
+    lengths = [_perimeter(curve) for curve in curves]
+    return [
+        Handle(
+            handle_loop=curves[i],
+            tunnel_loop=curves[len(inside) + j],
+            handle_length=lengths[i],
+            tunnel_length=lengths[len(inside) + j],
+            bounds=bounds_of(np.concatenate((curves[i], curves[len(inside) + j]))),
+            component=component,
+            handle_vertices=names[inside[i].vertices],
+            tunnel_vertices=names[outside[j].vertices],
+            _mesh=mesh,
+        )
+        for i, j in _pairs(basis, inside, outside, lengths)
     ]
-    pairs = _pairs(basis, inside, outside, [loop.length for loop in loops])
-    return [FoundHandle(loops[i], loops[len(inside) + j], component) for i, j in pairs]
 
 
 def _perimeter(polygon: Floats) -> float:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.handles.find import FoundHandle, FoundLoop, find_handles
-from topokit.core.handles.surgery import Arrays, cut_and_capped, filled
+from topokit.core.handles.find import find_handles
+from topokit.core.handles.handle import Handle
+from topokit.core.handles.surgery import Arrays, filled, without_loops
 from topokit.core.labels import count_distinct
 from topokit.core.mesh.connectivity import mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
@@ -14,28 +15,6 @@ from topokit.errors import InputError
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
-
-
-def without_loops(vertices: Floats, faces: Integers, loops: list[Integers]) -> Arrays:
-    """A closed mesh cut along loops and capped, each of which raises χ by two.
-
-    Args:
-        vertices: (V, 3).
-        faces: (F, 3), closed and consistently oriented.
-        loops: vertices (N,) in order of loops that together do not separate any component.
-
-    Raises:
-        InputError: if a loop meets itself or another, or the result does not count to what it should.
-    """
-    joined = np.concatenate(loops)
-    if len(np.unique(joined)) < len(joined):
-        raise InputError(
-            "the mesh is too coarse to be cut here: the loop along its edges meets itself. Subdivide the mesh, for "
-            "example by trimesh's subdivide(), and ask for its handles again."
-        )
-    before = mesh_topology(vertices, faces)
-    points, triangles = cut_and_capped(vertices, faces, loops)
-    return _counted(points, triangles, before.euler + 2 * len(loops), len(before.components))
 
 
 def without_boundary(vertices: Floats, topology: MeshTopology) -> Arrays:
@@ -85,7 +64,7 @@ def simplified(vertices: Floats, faces: Integers, below: float) -> Arrays:
         vertices, faces = without_loops(vertices, faces, _apart(small))
 
 
-def _apart(handles: list[FoundHandle]) -> list[Integers]:
+def _apart(handles: list[Handle]) -> list[Integers]:
     """The shorter loops of as many handles as do not meet each other, the shortest first.
 
     Of every handle there is one at most, so they are part of a basis and do not separate the surface.
@@ -93,22 +72,8 @@ def _apart(handles: list[FoundHandle]) -> list[Integers]:
     taken: set[int] = set()
     chosen: list[Integers] = []
     for handle in handles:
-        loop = min(handle.inside, handle.outside, key=_length).vertices
-        own = set(loop.tolist())
-        if len(own) == len(loop) and taken.isdisjoint(own):
-            chosen.append(loop)
+        own = set(handle.shorter.tolist())
+        if len(own) == len(handle.shorter) and taken.isdisjoint(own):
+            chosen.append(handle.shorter)
             taken |= own
-    return chosen or [min(handles[0].inside, handles[0].outside, key=_length).vertices]
-
-
-def _length(loop: FoundLoop) -> float:
-    return loop.length
-
-
-def _counted(vertices: Floats, faces: Integers, euler: int, n_components: int) -> Arrays:
-    after = mesh_topology(vertices, faces)
-    if not after.is_closed or after.flipped_faces or after.euler != euler or len(after.components) != n_components:
-        raise InputError(
-            f"the mesh cannot be cut along this loop: χ = {euler} was expected, and the result counts to {after.euler}."
-        )
-    return vertices, faces
+    return chosen or [handles[0].shorter]

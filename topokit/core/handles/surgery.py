@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from topokit.core.labels import connected_labels
 from topokit.core.mesh.connectivity import MeshConnectivity, edge_keys, mesh_connectivity, next_corner
+from topokit.core.mesh.topology import mesh_topology
+from topokit.errors import InputError
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -14,6 +16,28 @@ Booleans = NDArray[np.bool_]
 Arrays = tuple[Floats, Integers]
 
 _RECESSION = 0.1  # of the way to their neighbors that vertices of a cut draw back, so that its two caps do not coincide
+
+
+def without_loops(vertices: Floats, faces: Integers, loops: list[Integers]) -> Arrays:
+    """A closed mesh cut along loops and capped, each of which raises χ by two.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3), closed and consistently oriented.
+        loops: vertices (N,) in order of loops that together do not separate any component.
+
+    Raises:
+        InputError: if a loop meets itself or another, or the result does not count to what it should.
+    """
+    joined = np.concatenate(loops)
+    if len(np.unique(joined)) < len(joined):
+        raise InputError(
+            "the mesh is too coarse to be cut here: the loop along its edges meets itself. Subdivide the mesh, for "
+            "example by trimesh's subdivide(), and ask for its handles again."
+        )
+    before = mesh_topology(vertices, faces)
+    points, triangles = cut_and_capped(vertices, faces, loops)
+    return _counted(points, triangles, before.euler + 2 * len(loops), len(before.components))
 
 
 def cut_and_capped(vertices: Floats, faces: Integers, loops: list[Integers]) -> Arrays:
@@ -123,3 +147,12 @@ def _drawn_back(vertices: Floats, faces: Integers, chosen: Integers) -> Floats:
     sums = np.stack([np.bincount(tails, vertices[heads, axis], len(vertices)) for axis in range(3)], axis=1)
     moved[own] += _RECESSION * (sums[own] / counts[own, None] - vertices[own])
     return moved
+
+
+def _counted(vertices: Floats, faces: Integers, euler: int, n_components: int) -> Arrays:
+    after = mesh_topology(vertices, faces)
+    if not after.is_closed or after.flipped_faces or after.euler != euler or len(after.components) != n_components:
+        raise InputError(
+            f"the mesh cannot be cut along this loop: χ = {euler} was expected, and the result counts to {after.euler}."
+        )
+    return vertices, faces

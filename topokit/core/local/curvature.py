@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Literal, get_args
+from typing import Literal, TypedDict, get_args
 
 import torch
 from torch import Tensor
@@ -57,6 +57,15 @@ class CurvatureSettings:
 
 
 DEFAULT_SETTINGS = CurvatureSettings()
+
+
+class CurvatureMethods(TypedDict, total=False):
+    """`CurvatureSettings` but for the number of neighbors, as keyword arguments."""
+
+    solver: Solver
+    area_method: AreaMethod
+    area_resolution: int
+    normal_method: NormalMethod
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from topokit.core.cloud.downsampling import Criterion
 from topokit.core.cloud.fewer_samples import fewer_samples
+from topokit.core.grid.field import Field
 from topokit.core.grid.regularization import regularized_samples
-from topokit.core.local.curvature import DEFAULT_NEIGHBORS
+from topokit.core.handles.find import find_handles
+from topokit.core.handles.handle import Handle
+from topokit.core.local.curvature import (
+    DEFAULT_NEIGHBORS,
+)
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
-from topokit.errors import InputError
-from topokit.handle import Handle, handles_of
-from topokit.report.details import with_details
+from topokit.core.mesh.topology import mesh_topology
+from topokit.core.samples import SurfaceSamples, enough_neighbors
+from topokit.core.surface import TriangleSurface
+from topokit.errors import InputError, summary
+from topokit.report.cloud import cloud_report
 from topokit.report.examination import outward_samples
-from topokit.report.locate import with_location
-from topokit.report.report import TopologyReport, known_genus
-from topokit.report.surface import checked_surface
-from topokit.shape_differentiable import DifferentiableShape
+from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
+from topokit.shape import estimates
+from topokit.shape.details import with_details
+from topokit.shape.locate import with_location
+from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
+from topokit.shape.surface import boundary_of, closed_surface
 
 if TYPE_CHECKING:
     import trimesh
@@ -29,8 +42,10 @@ if TYPE_CHECKING:
     from topokit.export.colors import Quantity
     from topokit.pages.single import View
 
+UNNAMED = "shape"
 
-class Shape(DifferentiableShape):
+
+class Shape:
     """A surface as samples, with a counted answer where its representation has one. Immutable.
 
     Answers do not depend on the order of questions, and the report does not depend on `n_neighbors`. Points given as
@@ -38,16 +53,136 @@ class Shape(DifferentiableShape):
     that are made from other tensors (vertices, splats, the weights of a network) are made once, with one graph: make a
     new shape for every training step.
 
-    Attributes:
-        samples: points (..., N, 3) with normals, frames and areas as far as known; may be given as a function.
-        counted: the counted answer or None; may be given as a function.
+    Args:
+        samples: points (..., N, 3) with normals, frames and areas as far as known, or a function that makes them.
+        counted: the counted answer, or a function that counts, or None.
+        surface: makes the closed surface of the representation; without it that is the mesh, or that of the global
+            witness.
+        defects: finds faults; gets whether to look for self-intersections, too.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
         n_neighbors: number of nearest neighbors for `curvature`, `gauss_bonnet` and `refined_euler`. None, the default,
             takes 20, or more where the samples are noisy.
+
+    All but `surface` and `defects` are attributes, too; what a function makes is made when it is first needed.
     """
+
+    field: Field | None
+    mesh: tuple[Tensor, Tensor] | None
+    name: str
+    notes: tuple[str, ...]
+    n_neighbors: int | None
+    _known: Measurements
+    _make_surface: Callable[[], TriangleSurface] | None
+    _find_defects: Callable[[bool], tuple[Defect, ...]] | None
+
+    def __init__(
+        self,
+        samples: GivenSamples,
+        counted: GivenAnswer = None,
+        *,
+        surface: Callable[[], TriangleSurface] | None = None,
+        defects: Callable[[bool], tuple[Defect, ...]] | None = None,
+        field: Field | None = None,
+        mesh: tuple[Tensor, Tensor] | None = None,
+        name: str = UNNAMED,
+        notes: tuple[str, ...] = (),
+        n_neighbors: int | None = None,
+    ) -> None:
+        known = Measurements(samples, counted, may_leave_box=field is not None, n_neighbors=n_neighbors, name=name)
+        _ = known.samples_so_far  # checked now, if they are known
+        self.__dict__.update(  # attributes cannot be set one by one, see __setattr__
+            field=field,
+            mesh=mesh,
+            name=name,
+            notes=notes,
+            n_neighbors=n_neighbors,
+            _known=known,
+            _make_surface=surface,
+            _find_defects=defects,
+        )
+
+    def __setattr__(self, attribute: str, value: object) -> None:
+        raise AttributeError(f"a Shape is immutable: use shape.replace({attribute}=...) for a changed copy.")
+
+    def __delattr__(self, attribute: str) -> None:
+        raise AttributeError(f"a Shape is immutable: its {attribute} cannot be deleted.")
+
+    def __repr__(self) -> str:
+        counted = "" if self._known.counted_so_far is None else "counted, "
+        samples = self._known.samples_so_far
+        count = "no samples yet" if samples is None else f"{tuple(samples.points.shape)} samples"
+        return f"Shape({self.name!r}, {counted}{count})"
+
+    @property
+    def samples(self) -> SurfaceSamples:
+        """The samples (..., N, 3), made when they are first needed."""
+        return self._known.samples
+
+    @property
+    def counted(self) -> CountedAnswer | None:
+        """The counted answer, found when it is first needed, or None."""
+        return self._known.counted
+
+    @property
+    def device(self) -> torch.device:
+        """Device of the samples."""
+        return self.samples.points.device
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Floating type of the samples."""
+        return self.samples.points.dtype
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with another `name`, `notes` or `n_neighbors`; everything measured is shared.
+
+        Raises:
+            InputError: for any other attribute.
+        """
+        unknown = sorted(set(changes) - {"name", "notes", "n_neighbors"})
+        if unknown:
+            raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__ | changes)
+        enough_neighbors(given_or_default(other.n_neighbors))
+        other.__dict__["_known"] = self._known.replace(other.n_neighbors, other.name)
+        return other
+
+    def _with(self, samples: SurfaceSamples, mesh: tuple[Tensor, Tensor] | None) -> Self:
+        """A copy with other samples; a counted answer that is not known yet stays so."""
+        return type(self)(
+            samples,
+            self._known.counted_or_given,
+            surface=self._make_surface,
+            defects=self._find_defects,
+            field=self.field,
+            mesh=mesh,
+            name=self.name,
+            notes=self.notes,
+            n_neighbors=self.n_neighbors,
+        )
+
+    def to(self, *args: Any, **kwargs: Any) -> Self:
+        """The shape with its samples and mesh on another device or in another floating type.
+
+        Arguments as for `torch.Tensor.to`. A field stays where it is.
+
+        Raises:
+            InputError: if there is no such device or type here; the message is that of torch.
+        """
+        mesh = self.mesh
+        try:
+            samples = self.samples.to(*args, **kwargs)
+        except torch.OutOfMemoryError:
+            raise
+        except (AssertionError, RuntimeError) as error:  # the first if torch is made without such devices
+            raise InputError(f"{self.name} cannot be moved there ({summary(error)}).") from error
+        if mesh is not None:
+            mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
+        return self._with(samples, mesh)
 
     def genus(self) -> int:
         """Handles summed over components, from the report's integer.
@@ -72,10 +207,10 @@ class Shape(DifferentiableShape):
             InputError: if the samples are batched.
         """
         if self.counted is None:
-            self._refuse_batches()
+            self._known.examination()  # refuses batches
         [report] = self._reports()
         report = with_location(report, self) if locate else report
-        return with_details(report, self, self._automatic_neighbors()) if details else report
+        return with_details(report, self, self._known.automatic_neighbors()) if details else report
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.
@@ -90,7 +225,7 @@ class Shape(DifferentiableShape):
         """
         if self.samples.oriented:
             return self
-        found = self._examinations()
+        found = self._known.examinations()
         for one in found:
             if one.refusal is not None:
                 raise one.refusal
@@ -108,7 +243,7 @@ class Shape(DifferentiableShape):
         """
         from topokit.export.trimesh import as_trimesh
 
-        return as_trimesh(checked_surface(self.report(), self._surface_found()))
+        return as_trimesh(closed_surface(self))
 
     def boundaries(self) -> tuple[BoundaryLoop, ...]:
         """The curves along which the surface ends, longest first; none if it is closed.
@@ -119,7 +254,7 @@ class Shape(DifferentiableShape):
         Raises:
             InputError: if the samples are batched, or a function's level set is cut by its box.
         """
-        return self._boundary_found()
+        return boundary_of(self)
 
     def defects(self, *, self_intersections: bool = True) -> tuple[Defect, ...]:
         """What is wrong with the mesh, and where: one record for each place.
@@ -134,10 +269,9 @@ class Shape(DifferentiableShape):
             InputError: if the shape was not made from a mesh.
             MissingDependencyError: if self-intersections are wanted and libigl is not installed.
         """
-        find = self.__dict__["_find_defects"]
-        if find is None:
+        if self._find_defects is None:
             raise InputError(f"{self.name} was not made from a mesh; only meshes have defects of this kind.")
-        return find(self_intersections)
+        return self._find_defects(self_intersections)
 
     def downsample(self, n_samples: int, by: Criterion = "feature-size") -> Shape:
         """The shape with fewer samples, taken where its surface needs them; what was counted and its mesh are kept.
@@ -182,7 +316,8 @@ class Shape(DifferentiableShape):
             (2.5, 3.8)
         """
         surface = self.surface()
-        return handles_of(np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64))
+        vertices, faces = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
+        return tuple(find_handles(vertices, mesh_topology(vertices, faces)))
 
     def regularized(self) -> Self:
         """The shape with its samples moved onto the surface where their winding number is one half.
@@ -203,7 +338,7 @@ class Shape(DifferentiableShape):
         """
         oriented = self.oriented()
         areas = oriented.curvature(DEFAULT_NEIGHBORS).area
-        k = self.n_neighbors or self._automatic_neighbors()
+        k = self.n_neighbors or self._known.automatic_neighbors()
         return self._with(regularized_samples(oriented.samples, areas, k), None)
 
     def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
@@ -269,6 +404,17 @@ class Shape(DifferentiableShape):
         """What a notebook shows: a picture and the report, as far as neither takes long to make."""
         from topokit.pages.single import shape_html
 
-        known = self.__dict__
-        report = self.report() if known.get("counted") is not None else None
-        return shape_html(self, report, draw=report is not None or "samples" in known)
+        report = None if self._known.counted_so_far is None else self.report()
+        return shape_html(self, report, draw=report is not None or self._known.samples_so_far is not None)
+
+    curvature = estimates.curvature
+    euler = estimates.euler
+    gauss_bonnet = estimates.gauss_bonnet
+    refined_euler = estimates.refined_euler
+    smoothed_euler = estimates.smoothed_euler
+
+    def _reports(self) -> tuple[TopologyReport, ...]:
+        """The report of the counted answer, or of each batch item's samples."""
+        if self.counted is not None:
+            return (counted_report(self.name, self.notes, self.counted),)
+        return tuple(cloud_report(self.name, self.notes, found) for found in self._known.examinations())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -14,20 +14,12 @@ from topokit.core.mesh.enclosed_solid import EnclosedSolid, enclosed_solid
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import overlaps
 
-
-class Measurable(Protocol):
-    """What the details of a report are measured on: a `topokit.Shape`."""
-
-    @property
-    def mesh(self) -> tuple[Tensor, Tensor] | None: ...
-
-    def gauss_bonnet(self, n_neighbors: int | None = None) -> Tensor: ...
-
-    def refined_euler(self, target: Tensor | float | None = None, n_neighbors: int | None = None) -> Tensor: ...
+if TYPE_CHECKING:
+    from topokit.shape.shape import Shape
 
 
 @torch.no_grad()
-def with_details(report: TopologyReport, shape: Measurable, n_neighbors: int) -> TopologyReport:
+def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> TopologyReport:
     """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
 
     Sentences tell the estimates, and the solid where it differs from the mesh.

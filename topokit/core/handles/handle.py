@@ -1,4 +1,4 @@
-"""Handles of a shape as users see them: where they are, how large, and the mesh without them."""
+"""One handle of a surface: where it is, how large, and the mesh without it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.components import Corner
-from topokit.core.handles.find import FoundHandle, find_handles
-from topokit.core.handles.repair import without_loops
-from topokit.core.loops import bounds_of
-from topokit.core.mesh.topology import mesh_topology
+from topokit.core.handles.surgery import Arrays, without_loops
 
 if TYPE_CHECKING:
     import trimesh
@@ -33,6 +30,8 @@ class Handle:
         tunnel_length: of `tunnel_loop`.
         bounds: lowest and highest corner of the box around both.
         component: index into the report's `per_component`.
+        handle_vertices: (n,) vertices of the surface in order along its edges, close to `handle_loop`: where it is cut.
+        tunnel_vertices: (m,) the same close to `tunnel_loop`.
     """
 
     handle_loop: Floats
@@ -41,13 +40,19 @@ class Handle:
     tunnel_length: float
     bounds: tuple[Corner, Corner]
     component: int
-    _found: FoundHandle = field(repr=False)
-    _mesh: tuple[Floats, Integers] = field(repr=False)
+    handle_vertices: Integers
+    tunnel_vertices: Integers
+    _mesh: Arrays = field(repr=False)
 
     @property
     def size(self) -> float:
         """Length of the shorter curve."""
         return min(self.handle_length, self.tunnel_length)
+
+    @property
+    def shorter(self) -> Integers:
+        """Vertices along edges close to the shorter curve."""
+        return self.handle_vertices if self.handle_length <= self.tunnel_length else self.tunnel_vertices
 
     def __repr__(self) -> str:
         return (
@@ -64,7 +69,7 @@ class Handle:
         Raises:
             InputError: if the mesh is too coarse for the loop.
         """
-        return self._without(self._found.inside.vertices)
+        return self._without(self.handle_vertices)
 
     def fill(self) -> trimesh.Trimesh:
         """The surface with the tunnel closed by a wall at the tunnel loop: one handle less; otherwise as `cut`.
@@ -72,35 +77,9 @@ class Handle:
         Raises:
             InputError: if the mesh is too coarse for the loop.
         """
-        return self._without(self._found.outside.vertices)
+        return self._without(self.tunnel_vertices)
 
     def _without(self, loop: Integers) -> trimesh.Trimesh:
         import trimesh
 
         return trimesh.Trimesh(*without_loops(*self._mesh, [loop]), process=False)
-
-
-def handles_of(vertices: Floats, faces: Integers) -> tuple[Handle, ...]:
-    """The handles of a closed surface, smallest first.
-
-    Args:
-        vertices: (V, 3).
-        faces: (F, 3), closed, manifold and facing out of the solid.
-    """
-    topology = mesh_topology(vertices, faces)
-    mesh = vertices, topology.faces
-    return tuple(_public(found, mesh) for found in find_handles(vertices, topology))
-
-
-def _public(found: FoundHandle, mesh: tuple[Floats, Integers]) -> Handle:
-    corners = np.concatenate((found.inside.corners, found.outside.corners))
-    return Handle(
-        handle_loop=found.inside.corners,
-        tunnel_loop=found.outside.corners,
-        handle_length=found.inside.length,
-        tunnel_length=found.outside.length,
-        bounds=bounds_of(corners),
-        component=found.component,
-        _found=found,
-        _mesh=mesh,
-    )

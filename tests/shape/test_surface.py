@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 import topokit as tk
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
-from topokit.report.surface import checked_surface
+from topokit.shape.surface import checked_surface
 from topokit.testing import genus_mesh, hemisphere_samples, icosphere, shell_mesh, torus_mesh, torus_samples
 from topokit.testing.meshes import Mesh
 

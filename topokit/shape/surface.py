@@ -1,0 +1,81 @@
+"""Where a shape ends and what it encloses: its closed surface, checked against the report, and its boundary curves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from torch import Tensor
+
+from topokit.core.loops import BoundaryLoop
+from topokit.core.mesh.boundary_loops import mesh_boundary
+from topokit.core.mesh.topology import mesh_topology
+from topokit.core.surface import Floats, Integers, TriangleSurface
+from topokit.errors import InputError
+from topokit.report.report import TopologyReport, why
+from topokit.report.wording import plural
+
+if TYPE_CHECKING:
+    from topokit.shape.shape import Shape
+
+
+def closed_surface(shape: Shape) -> TriangleSurface:
+    """The closed surface that a shape's report is about; see `checked_surface`."""
+    return checked_surface(shape.report(), _surface_found(shape))
+
+
+def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> TriangleSurface:
+    """The surface that a report is about, facing outward.
+
+    Args:
+        report: of a shape.
+        surface: what was found for it, or None.
+
+    Raises:
+        InputError: if there is none, or it is open, not a manifold or does not count to the report's integer.
+    """
+    if surface is None or len(surface.faces) == 0 or not report.closed:
+        ends = f"It ends along {plural(report.boundary_loops, 'boundary loop')}. " if report.boundary_loops else ""
+        raise InputError(f"{report.name} has no closed surface. {ends}{why(report)}")
+    topology = mesh_topology(surface.vertices, surface.faces)
+    if not topology.is_closed or topology.euler != report.euler:
+        found = f"counts to χ = {topology.euler}" if topology.is_closed else "is not a closed manifold"
+        raise InputError(
+            f"{report.name}: the surface that was found {found}, but χ = {report.euler} ({report.verdict}) is "
+            f"reported, so it is not given. {why(report)}"
+        )
+    return TriangleSurface(surface.vertices, topology.faces)
+
+
+def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
+    """The curves along which a shape's surface ends, longest first; see `Shape.boundaries`."""
+    if shape.mesh is not None:
+        return mesh_boundary(*_arrays(shape.mesh))
+    if shape.counted is not None:
+        if shape.counted.closed:
+            return ()
+        raise InputError(
+            f"{shape.name} is cut by the box in which it was looked for, and its curves there are not traced: pass "
+            "larger bounds."
+        )
+    found = shape._known.examination()
+    points = found.samples.points.cpu().double().numpy()
+    return tuple(BoundaryLoop.through(points, curve.index.numpy()) for curve in found.boundary.curves)
+
+
+def _surface_found(shape: Shape) -> TriangleSurface | None:
+    """The closed surface as triangles, not compared with the report; None if there is none."""
+    if shape._make_surface is not None:
+        return shape._make_surface()
+    if shape.mesh is not None:
+        return TriangleSurface(*_arrays(shape.mesh)).compact()
+    witness = shape._known.examination().witness
+    if witness is None or witness.surface is None:
+        return None
+    points = shape.samples.points.detach().cpu().double().numpy()
+    return TriangleSurface(points[witness.surface.points], witness.surface.faces)
+
+
+def _arrays(mesh: tuple[Tensor, Tensor]) -> tuple[Floats, Integers]:
+    vertices, faces = (part.detach().cpu().numpy() for part in mesh)
+    return vertices.astype(np.float64), faces

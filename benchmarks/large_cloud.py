@@ -25,9 +25,10 @@ from typing import Any
 import numpy as np
 
 import topokit as tk
+from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.large import MOST_AT_ONCE
-from topokit.adapters.points.stored_files import stored_file
 from topokit.core.processors import n_cores
+from topokit.inputs.formats import stored_in
 from topokit.testing import genus_mesh
 
 GENUS, NOISE, HAZE, LOST = 3, 1e-3, 1_000, 100_000
@@ -83,7 +84,7 @@ def peak_memory() -> int:
 
 def read_alone(path: Path) -> int:
     """Read all blocks and forget them."""
-    cloud = stored_file(path)
+    cloud = stored_in(FORMATS, path)
     assert cloud is not None
     return sum(len(part) for block in cloud.blocks(MOST_AT_ONCE) for part, _ in cloud.read(block, MOST_AT_ONCE))
 

@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 import topokit as tk
 from topokit.adapters.points import adapter, large
+from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
-from topokit.adapters.points.stored_files import stored_file
 from topokit.adapters.points.text import layout_of, read_rows, read_table
 from topokit.core.cloud.cells import Cells, joined
 from topokit.core.cloud.reduced import reduced
 from topokit.errors import InputError, ReadError
+from topokit.inputs.formats import stored_in
 from topokit.inputs.ply import write_ply
 from topokit.testing import torus_samples
 
@@ -34,7 +35,7 @@ SAMPLES = torus_samples(20_000)
 POINTS: Floats = np.round(SAMPLES.points.double().numpy(), 6)
 assert SAMPLES.normals is not None
 NORMALS: Floats = SAMPLES.normals.double().numpy()
-FORMATS = (".npy", ".ply", "ascii.ply", ".xyz", ".csv", ".las", ".laz", ".parquet")
+SUFFIXES = (".npy", ".ply", "ascii.ply", ".xyz", ".csv", ".las", ".laz", ".parquet")
 FEW_CELLS = 3000
 
 
@@ -83,7 +84,7 @@ def assert_same(one: tk.Shape, other: tk.Shape) -> None:
         assert torch.equal(one.samples.normals, other.samples.normals)
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("with_normals", [False, True])
 def test_every_format_gives_the_same_samples(suffix: str, with_normals: bool, tmp_path: Path) -> None:
     normals = NORMALS if with_normals and "la" not in suffix else None
@@ -182,7 +183,7 @@ def test_what_cannot_be_read_by_blocks_is_refused(tmp_path: Path) -> None:
         assert tk.from_points(other).samples.n_points == len(POINTS)
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_truncated_files_end_in_a_read_error(suffix: str, tmp_path: Path) -> None:
     path = write(tmp_path / f"cloud{suffix}", POINTS)
     content = path.read_bytes()
@@ -215,7 +216,7 @@ def test_ply_with_more_than_vertices_is_read_where_that_is_possible(tmp_path: Pa
     assert_same(tk.from_points(path, block_points=999), expected(POINTS))
     content = path.read_bytes().replace(b"binary_little_endian", b"ascii")[:300]
     (tmp_path / "ascii.ply").write_bytes(content.partition(b"end_header")[0] + b"end_header\n" + b"0 0 0\n" * 20_008)
-    assert stored_file(tmp_path / "ascii.ply") is None
+    assert stored_in(FORMATS, tmp_path / "ascii.ply") is None
 
 
 class DeadlyOnce(MappedCloud):

@@ -1,12 +1,14 @@
-"""How point clouds are recognized; nothing that reads them is imported here."""
+"""The formats of point clouds, and how they are recognized; nothing that reads them is imported here."""
 
 from __future__ import annotations
 
 import re
+from functools import partial
 from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
-from topokit.inputs.files import head
+from topokit.inputs.files import BEGINNINGS, ZIP
+from topokit.inputs.formats import Format, begins, called, is_certainly, requirements_of, suffixes_of
 from topokit.inputs.numpy_header import numpy_kind
 from topokit.inputs.ply_header import ply_kind
 from topokit.inputs.unpacking import unpacked
@@ -14,20 +16,8 @@ from topokit.plugins.adapter import Adapter
 
 TEXT = (".xyz", ".txt", ".csv", ".pwn", ".pts", ".asc")
 _PROSE = (".txt", ".csv")
-LAS = b"LASF"
-E57 = b"ASTM-E57"
-PARQUET = b"PAR1"
 _END = 1 << 16  # bytes
 _LINES = {letter: re.compile(rb"\n[ \t]*%s[ \t]" % letter) for letter in (b"v", b"f")}  # all but the first line
-
-
-def is_cloud(source: Path) -> bool:
-    """Whether the content is a cloud: .ply or .obj without faces, arrays that are no volume, .las, .pcd, .parquet."""
-    start = head(source)
-    if source.name.lower().endswith((".obj", ".obj.gz")):
-        return is_obj_cloud(source)
-    kinds = ply_kind(start), numpy_kind(source, start)
-    return "points" in kinds or start.startswith((LAS, E57, PARQUET)) or is_pcd(start)
 
 
 def is_obj_cloud(path: Path) -> bool:
@@ -58,23 +48,47 @@ def is_pcd(start: bytes) -> bool:
     return start.startswith(b"# .PCD") or re.search(header, start, re.MULTILINE) is not None
 
 
+def _are_points(path: Path, beginning: bytes) -> bool:
+    """Whether NumPy's arrays are no volume."""
+    return numpy_kind(path, beginning) == "points"
+
+
+_HERE = "topokit.adapters.points"
+FORMATS = (
+    Format(
+        *("PLY", (".ply",), begins(b"ply"), f"{_HERE}.files:read_ply", f"{_HERE}.files:ply_cloud"),
+        is_certain=lambda path, beginning: ply_kind(beginning) == "points",
+    ),
+    Format("LAS", (".las", ".laz"), begins(b"LASF"), stored=f"{_HERE}.las:LasCloud", requires="laspy"),
+    Format("parquet", (".parquet",), begins(b"PAR1"), stored=f"{_HERE}.parquet:ParquetCloud", requires="pyarrow"),
+    Format(
+        *("NPY", (".npy",), begins(BEGINNINGS[".npy"]), f"{_HERE}.files:read_npy", f"{_HERE}.files:npy_cloud"),
+        is_certain=_are_points,
+    ),
+    Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_are_points),
+    Format("PCD", (".pcd",), lambda path, start: is_pcd(start), f"{_HERE}.files:read_pcd", requires="pypcd4"),
+    Format("E57", (".e57",), begins(b"ASTM-E57"), f"{_HERE}.files:read_e57", requires="pye57"),
+    Format(
+        *("OBJ", (), called(".obj"), f"{_HERE}.files:read_obj"),  # the suffix is that of meshes
+        is_certain=lambda path, beginning: is_obj_cloud(path),
+    ),
+    Format(
+        *("text", TEXT, called(*TEXT), f"{_HERE}.text:read_text", f"{_HERE}.text:text_cloud"),
+        is_certain=lambda path, beginning: False,
+    ),
+)
+
 POINTS = Adapter(
     name="points",
     description="point clouds, with or without normals",
-    suffixes=(*TEXT, ".npy", ".npz", ".ply", ".pcd", ".las", ".laz", ".e57", ".parquet"),
-    can_open=is_cloud,
+    suffixes=suffixes_of(FORMATS),
+    can_open=partial(is_certainly, FORMATS),
     types=(
         *("trimesh.PointCloud", "pandas.DataFrame", "polars.DataFrame"),
         *("pytorch3d.structures.Pointclouds", "pyvista.PointSet", "vedo.Points"),
     ),
     extra="topokit[formats]",
-    suffix_requires=(
-        (".pcd", "pypcd4"),
-        (".las", "laspy"),
-        (".laz", "laspy"),
-        (".e57", "pye57"),
-        (".parquet", "pyarrow"),
-    ),
+    suffix_requires=requirements_of(FORMATS),
     differentiable=True,
     opener="topokit.adapters.points.adapter:from_points",
     is_large="topokit.adapters.points.large:is_large",

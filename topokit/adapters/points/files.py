@@ -1,25 +1,25 @@
-"""Point files: a short reader per format, listed in the table at the end."""
+"""Point files: the reader of each format, chosen by the table in `entry`."""
 
 from __future__ import annotations
 
 import io
+import os
+import pkgutil
 import re
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.points.entry import E57, LAS, PARQUET, POINTS, TEXT, is_obj_cloud, is_pcd
-from topokit.adapters.points.las import LasCloud
-from topokit.adapters.points.parquet import ParquetCloud
-from topokit.adapters.points.stored import Cloud, Floats, split, whole
-from topokit.adapters.points.text import read_table
+from topokit.adapters.points.entry import FORMATS, POINTS, TEXT, is_obj_cloud
+from topokit.adapters.points.stored import NAMES, Cloud, Floats, MappedCloud, StoredCloud, split, whole
+from topokit.adapters.points.text import Layout, TextCloud
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.files import ZIP, head
-from topokit.inputs.numpy_header import NUMPY, array_shapes
-from topokit.inputs.ply import ply_elements
+from topokit.inputs.files import head
+from topokit.inputs.formats import format_of
+from topokit.inputs.numpy_header import array_shapes
+from topokit.inputs.ply import check_header, ply_elements
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
 _PCD_LINES = 10
@@ -33,29 +33,56 @@ def read_points(path: Path) -> Cloud:
         ReadError: if the file is malformed or holds no points.
         MissingDependencyError: if the format's reader is not installed.
     """
-    beginning = head(path)
-    for name, recognizes, read in _FORMATS:
-        if recognizes(path, beginning):
-            quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
-            with quiet, reading(path, f"the {name} reader", extra="topokit[formats]"):
-                points, normals = read(path)
-            if len(points) == 0:
-                raise ReadError(f"{path} holds no points.")
-            return points, normals
+    found = format_of(FORMATS, path, head(path))
+    if found is not None:
+        quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
+        with quiet, reading(path, f"the {found.name} reader", extra="topokit[formats]"):
+            made = pkgutil.resolve_name(found.read or str(found.stored))(path)
+            points, normals = made if found.read else whole(made)
+        if len(points) == 0:
+            raise ReadError(f"{path} holds no points.")
+        return points, normals
     raise ReadError(
         f"{path} is not a point file: text needs one of the suffixes {', '.join(TEXT)}, and its content is that of "
         f"none of the other formats. Known: {', '.join(POINTS.suffixes)}."
     )
 
 
-def _read_ply(path: Path) -> Cloud:
+def read_ply(path: Path) -> Cloud:
     elements = ply_elements(path)
     if "vertex" not in elements:
         raise ReadError(f"{path} has the elements {', '.join(elements) or 'none'}; 'vertex' was expected.")
     return _from_fields(elements["vertex"], ("nx", "ny", "nz"), path)
 
 
-def _read_e57(path: Path) -> Cloud:
+def ply_cloud(path: Path) -> StoredCloud | None:
+    """The vertices, if they are records of numbers; of text only if there is nothing else in it."""
+    header = check_header(path)
+    counts = {name: int(n) for name, n in re.findall(rb"^element\s+(\S+)\s+(\d+)", header, re.MULTILINE)}
+    if not counts.get(b"vertex") or b"property list" in header:
+        return None
+    if b"format ascii" not in header:
+        mapped = ply_elements(path)["vertex"]
+        names = _fields(list(mapped.dtype.names or ()))
+        if names is None or not isinstance(mapped, np.memmap) or str(mapped.filename) != os.path.abspath(path):
+            return None
+        return MappedCloud(mapped, names)
+    names = _fields([name.decode("latin-1") for name in re.findall(rb"^property\s+\w+\s+(\S+)", header, re.MULTILINE)])
+    if sum(counts.values()) > counts[b"vertex"] or names is None:
+        return None
+    every = re.findall(rb"^property\s+\w+\s+(\S+)", header, re.MULTILINE)
+    columns = tuple(every.index(name.encode()) for name in names)
+    return TextCloud(path, Layout(len(header), columns, str), len(names) == len(NAMES))
+
+
+def _fields(names: list[str]) -> tuple[str, ...] | None:
+    """The fields of coordinates, and of normals if there are all; None if there are no coordinates."""
+    if not set(NAMES[:3]) <= set(names):
+        return None
+    return NAMES if set(NAMES) <= set(names) else NAMES[:3]
+
+
+def read_e57(path: Path) -> Cloud:
     """The scans of a file one after the other, in their common coordinates; points that are marked invalid left out."""
     try:
         import pye57
@@ -73,7 +100,7 @@ def _read_e57(path: Path) -> Cloud:
     return np.concatenate([np.empty((0, 3)), *(np.stack(column, axis=1) for column in columns)]), None
 
 
-def _read_obj(path: Path) -> Cloud:
+def read_obj(path: Path) -> Cloud:
     """The vertices, and as many normals as there are, if there are so many; colors behind the vertices are ignored."""
     if not is_obj_cloud(path):
         raise ReadError(f"{path} has faces, or no vertices at all: topokit.from_mesh reads its faces.")
@@ -87,7 +114,7 @@ def _read_obj(path: Path) -> Cloud:
     return points, normals if len(points) == len(normals) else None
 
 
-def _read_pcd(path: Path) -> Cloud:
+def read_pcd(path: Path) -> Cloud:
     try:
         from pypcd4 import MetaData, PointCloud
     except ImportError as error:
@@ -119,12 +146,20 @@ def _read_pcd(path: Path) -> Cloud:
     return _from_fields(cloud.pc_data, ("normal_x", "normal_y", "normal_z"), path)
 
 
-def _read_npy(path: Path) -> Cloud:
+def read_npy(path: Path) -> Cloud:
     array_shapes(path)  # refuses a header that does not fit the file
     return split(_numbers(np.load(path, allow_pickle=False), path), path)
 
 
-def _read_npz(path: Path) -> Cloud:
+def npy_cloud(path: Path) -> StoredCloud | None:
+    """The rows of an array of two axes as a memory map."""
+    if len(array_shapes(path).get("", ())) != 2:
+        return None
+    with reading(path, "the NumPy reader"):
+        return MappedCloud(np.load(path, mmap_mode="r", allow_pickle=False))
+
+
+def read_npz(path: Path) -> Cloud:
     names = list(array_shapes(path))
     likely = ("points", "xyz", "pos", "vertices", *(names if len(names) == 1 else ()))
     points = next((name for name in likely if name in names), None)
@@ -134,10 +169,6 @@ def _read_npz(path: Path) -> Cloud:
         stored = {name.lower(): name for name in archive.files}
         positions, normals = split(_numbers(archive[stored[points]], path), path)
         return positions, _numbers(archive[stored["normals"]], path) if "normals" in stored else normals
-
-
-def _read_text(path: Path) -> Cloud:
-    return split(read_table(path), path)
 
 
 def _from_fields(table: NDArray[np.void], normal_names: tuple[str, str, str], path: Path) -> Cloud:
@@ -155,17 +186,3 @@ def _numbers(array: NDArray[np.generic], path: Path) -> Floats:
     if array.dtype.kind not in "biuf":
         raise ReadError(f"{path} holds an array of {array.dtype}; real numbers were expected.")
     return np.asarray(array, dtype=np.float64)
-
-
-# Name, how it is recognized from path and first bytes, reader. The first that fits is taken.
-_FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Cloud]], ...] = (
-    ("PLY", lambda _, start: start.startswith(b"ply"), _read_ply),
-    ("LAS", lambda _, start: start.startswith(LAS), lambda path: whole(LasCloud(path))),
-    ("parquet", lambda _, start: start.startswith(PARQUET), lambda path: whole(ParquetCloud(path))),
-    ("NPY", lambda _, start: start.startswith(NUMPY), _read_npy),
-    ("NPZ", lambda _, start: start.startswith(ZIP), _read_npz),
-    ("PCD", lambda _, start: is_pcd(start), _read_pcd),
-    ("E57", lambda _, start: start.startswith(E57), _read_e57),
-    ("OBJ", lambda path, _: path.suffix.lower() == ".obj", _read_obj),
-    ("text", lambda path, _: path.suffix.lower() in TEXT, _read_text),
-)

@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import torch
 
+from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
-from topokit.adapters.points.stored_files import stored_file
 from topokit.core.cloud.cells import Cells, joined
 from topokit.core.cloud.dense import MOST_DENSE
 from topokit.core.cloud.reduced import ReducedCloud, reduced
 from topokit.core.samples import SurfaceSamples, largest_coordinate
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import existing_file
+from topokit.inputs.formats import stored_in
 from topokit.report.wording import plural
 
 MOST_IN_MEMORY = 1 << 24
@@ -69,7 +70,7 @@ def stored_cloud(source: object, block_points: int | None, client: Any) -> Store
     if isinstance(source, str | os.PathLike):
         path = existing_file(source)
         if is_wanted or path.stat().st_size > MOST_IN_MEMORY:  # a byte for each point: less is small in any format
-            stored = stored_file(path)
+            stored = stored_in(FORMATS, path)
     elif isinstance(source, np.memmap) and _is_file(source):
         stored = MappedCloud(source)
     if is_wanted and stored is None:

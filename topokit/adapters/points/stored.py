@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 Cloud = tuple[Floats, Floats | None]
 Block = tuple[int, int]
 
+NAMES = ("x", "y", "z", "nx", "ny", "nz")
 LOOKED_AT = 1 << 16  # rows at the beginning that tell whether columns without names are normals
 _AT_ONCE = 1 << 20  # points, where a whole cloud is read
 _WIDTHS = "(N, 3) for points or (N, 6) for points and normals"

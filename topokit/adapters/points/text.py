@@ -12,17 +12,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.adapters.points.stored import LOOKED_AT, NAMES, Block, Cloud, Floats, StoredCloud, are_normals, split
 from topokit.errors import ReadError
 from topokit.inputs.files import head
-
-Floats = NDArray[np.float64]
+from topokit.inputs.reading import reading
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?,?")
 _COMMAS_INSIDE = re.compile(r"[-+]?\d+(,\d+)*(\.\d*)?([eE][-+]?\d+)?,?")
-_LOOKED_AT = 1000  # rows from which the separators are found
+_SOME_ROWS = 1000  # rows from which the separators are found
 _BYTES = 1 << 26  # of text that are read at once
 _COLORS = 255
 _ADVICE = "Write numbers with decimal points and separate them by blanks, or write decimal commas and separate by ';'."
@@ -34,6 +33,41 @@ class Layout(NamedTuple):
     start: int
     columns: tuple[int, ...]
     normalized: Callable[[str], str]
+
+
+class TextCloud(StoredCloud):
+    """Rows of numbers in a file of text."""
+
+    def __init__(self, path: Path, layout: Layout, has_normals: bool | None = None) -> None:
+        """Args: an existing file, where its columns are, and whether three of them are normals; by default if some are
+        unit vectors.
+        """
+        size, beginning = path.stat().st_size, head(path)[layout.start :]
+        per_row = len(beginning) / max(beginning.count(b"\n"), 1)
+        super().__init__(path, max(1, round((size - layout.start) / per_row)), (layout.start, size), False)
+        if len(layout.columns) < len(NAMES):
+            layout = layout._replace(columns=layout.columns[:3])
+        self._layout = layout
+        if len(layout.columns) == len(NAMES):
+            with reading(path, "the text reader"):
+                some = read_rows(path, layout, (layout.start, layout.start + round(LOOKED_AT * per_row)))
+            self.has_normals = are_normals(some[:, 3:]) if has_normals is None else has_normals
+
+    def read(self, block: Block, most_points: int) -> Iterator[Cloud]:
+        """See `StoredCloud`."""
+        with reading(self.path, "the text reader"), np.errstate(all="ignore"):
+            rows = read_rows(self.path, self._layout, block)
+        yield np.ascontiguousarray(rows[:, :3]), np.ascontiguousarray(rows[:, 3:]) if self.has_normals else None
+
+
+def text_cloud(path: Path) -> TextCloud:
+    """The cloud of a file of text, by its own separators."""
+    return TextCloud(path, layout_of(path))
+
+
+def read_text(path: Path) -> Cloud:
+    """All points of a file of text, and its normals or None."""
+    return split(read_table(path), path)
 
 
 def read_table(path: Path) -> Floats:
@@ -53,7 +87,7 @@ def layout_of(path: Path) -> Layout:
         ReadError: if there is no row of three numbers, or if commas may be separators or decimal signs.
     """
     beginning = head(path).decode("utf-8-sig", errors="replace").splitlines()
-    normalized = _normalizer(list(itertools.islice(_rows(beginning, _commas_as_blanks), _LOOKED_AT)), path)
+    normalized = _normalizer(list(itertools.islice(_rows(beginning, _commas_as_blanks), _SOME_ROWS)), path)
     at = len(codecs.BOM_UTF8) if head(path, len(codecs.BOM_UTF8)) == codecs.BOM_UTF8 else 0
     with path.open(encoding="utf-8-sig", newline="") as file:  # with line ends as they are, whose bytes count
         for line in file:

@@ -13,11 +13,11 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.entry import ADDRESSES, is_volume
+from topokit.adapters.voxels.entry import ADDRESSES, VOXELS
 from topokit.adapters.voxels.field import SLAB, Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
-from topokit.adapters.voxels.images import image_of
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
+from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
 from topokit.adapters.voxels.stored import not_a_volume
 from topokit.adapters.voxels.stored_files import stored_volume
@@ -147,7 +147,7 @@ def open_volume(
     name, own_spacing = "voxels", None
     if isinstance(volume, str | os.PathLike) and not lies_in(volume, ADDRESSES):
         path = user_path(volume)
-        path = path if path.is_dir() and is_volume(path) else existing_file(path)
+        path = path if path.is_dir() and VOXELS.can_open(path) else existing_file(path)
         with unpacked(path) as plain:
             stored = stored_volume(plain, dataset)
             volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), stored.spacing)

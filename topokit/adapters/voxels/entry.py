@@ -1,31 +1,20 @@
-"""How volumes are recognized; nothing that reads them is imported here."""
+"""The formats of volumes, and how they are recognized; nothing that reads them is imported here."""
 
 from __future__ import annotations
 
 import os
 import re
+from functools import partial
 from pathlib import Path
 
-from topokit.inputs.files import head
+from topokit.inputs.files import BEGINNINGS, ZIP, head
+from topokit.inputs.formats import Format, begins, is_certainly, requirements_of, suffixes_of
 from topokit.inputs.numpy_header import numpy_kind
 from topokit.plugins.adapter import Adapter
 
-NRRD = b"NRRD0"
-HDF5 = b"\x89HDF\r\n\x1a\n"
-_ZARR = ("zarr.json", ".zarray", ".zgroup")  # a folder with one of these is an array or a group, of version 3 or 2
 ADDRESSES = (".zarr",)
+_ZARR = ("zarr.json", ".zarray", ".zgroup")  # a folder with one of these is an array or a group, of version 3 or 2
 _LOOKED_AT = 16  # files of a folder
-TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
-
-
-def is_volume(source: Path) -> bool:
-    """Whether the content is a volume: NIfTI, NRRD, TIFF, MetaImage, HDF5, zarr, DICOM, or a 3-D NumPy array."""
-    if source.is_dir():
-        return is_zarr(source) or _holds_dicom(source)
-    start = head(source)
-    if start.startswith((NRRD, HDF5, *TIFF)) or is_dicom(start) or is_metaimage(start):
-        return True
-    return is_nifti(start) or numpy_kind(source, start) == "volume"
 
 
 def is_zarr(folder: Path) -> bool:
@@ -33,8 +22,10 @@ def is_zarr(folder: Path) -> bool:
     return any((folder / name).is_file() for name in _ZARR)
 
 
-def is_nifti(start: bytes) -> bool:
-    """Whether an unpacked file that begins with these bytes is NIfTI 1 or 2."""
+def is_nifti(path: Path, start: bytes) -> bool:
+    """Whether an unpacked file that begins with these bytes is NIfTI 1 or 2, or an .img beside its header."""
+    if path.suffix.lower() == ".img" and path.with_suffix(".hdr").is_file():
+        start = head(path.with_suffix(".hdr"))
     return start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2"
 
 
@@ -43,7 +34,7 @@ def is_dicom(start: bytes) -> bool:
     return start[128:132] == b"DICM"
 
 
-def is_metaimage(start: bytes) -> bool:
+def _is_metaimage(path: Path, start: bytes) -> bool:
     """Whether a file that begins with these bytes is a MetaImage (.mha, or the header .mhd)."""
     is_image = re.match(rb"\s*(ObjectType\s*=\s*Image|NDims\s*=)", start) is not None
     return is_image and b"DimSize" in start and b"ElementDataFile" in start
@@ -51,6 +42,8 @@ def is_metaimage(start: bytes) -> bool:
 
 def _holds_dicom(folder: Path) -> bool:
     """Whether one of the first files of a folder is DICOM; a meta.json or an unreadable folder is another's."""
+    if not folder.is_dir():
+        return False
     try:
         names = sorted(os.listdir(folder))[:_LOOKED_AT]
         return any(is_dicom(head(folder / name, 132)) for name in names if (folder / name).is_file())
@@ -58,27 +51,42 @@ def _holds_dicom(folder: Path) -> bool:
         return False
 
 
+def _is_volume(path: Path, beginning: bytes) -> bool:
+    """Whether NumPy's arrays have three axes."""
+    return numpy_kind(path, beginning) == "volume"
+
+
+_HERE = "topokit.adapters.voxels"
+_ITK = f"{_HERE}.medical:read_itk"
+FORMATS = (
+    Format(
+        *("NPY", (".npy",), begins(BEGINNINGS[".npy"]), f"{_HERE}.files:read_npy", f"{_HERE}.stored_files:npy_volume"),
+        is_certain=_is_volume,
+    ),
+    Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_is_volume),
+    Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires="nibabel"),
+    Format("NRRD", (".nrrd", ".nhdr"), begins(b"NRRD0"), f"{_HERE}.medical:read_nrrd", requires="nrrd"),
+    Format(
+        *("TIFF", (".tif", ".tiff"), begins(b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),
+        *(f"{_HERE}.tiff:read_tiff", None, "tifffile"),
+    ),
+    Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", "zarr"),
+    Format("DICOM", (".dcm",), lambda path, start: is_dicom(start) or _holds_dicom(path), _ITK, requires="SimpleITK"),
+    Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires="SimpleITK"),
+    Format(*("HDF5", (".h5", ".hdf5"), begins(b"\x89HDF\r\n\x1a\n"), None, f"{_HERE}.stored_files:hdf_volume", "h5py")),
+)
+
 VOXELS = Adapter(
     name="voxels",
     description="volumes, binary or gray; of DICOM also the folder of a series; zarr and HDF5 of any size",
-    suffixes=(
-        *(".nii", ".nii.gz", ".img", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm"),
-        *(".tif", ".tiff", ".npy", ".npz", ".zarr", ".h5", ".hdf5"),
-    ),
-    can_open=is_volume,
+    suffixes=suffixes_of(FORMATS),
+    can_open=partial(is_certainly, FORMATS),
     types=(
         *("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor"),
         *("zarr.Array", "h5py.Dataset", "dask.array.Array"),
     ),
     extra="topokit[volumes]",
-    suffix_requires=(
-        *((suffix, "nibabel") for suffix in (".nii", ".nii.gz", ".img")),
-        *((suffix, "tifffile") for suffix in (".tif", ".tiff")),
-        *((suffix, "nrrd") for suffix in (".nrrd", ".nhdr")),
-        *((suffix, "SimpleITK") for suffix in (".mha", ".mhd", ".dcm")),
-        (".zarr", "zarr"),
-        *((suffix, "h5py") for suffix in (".h5", ".hdf5")),
-    ),
+    suffix_requires=requirements_of(FORMATS),
     opener="topokit.adapters.voxels.adapter:from_voxels",
     addresses=ADDRESSES,
     open_labels="topokit.adapters.voxels.labels:from_labels",

@@ -1,4 +1,7 @@
-"""Volumes of medicine: NIfTI through nibabel, NRRD through pynrrd, MetaImage and DICOM through SimpleITK."""
+"""Volumes of medicine: NIfTI through nibabel, NRRD through pynrrd, MetaImage and DICOM through SimpleITK.
+
+Also images of nibabel, SimpleITK and MONAI in memory, which are known by their attributes.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.core.grid.grid import Spacing
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.beside import require_beside
 from topokit.inputs.files import head
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
@@ -113,6 +117,39 @@ def column_lengths(affine: Any) -> Spacing | None:
     """Voxel sizes of a 4 × 4 affine; None if it is degenerate, as in headers that were never filled in."""
     lengths = np.linalg.norm(np.asarray(affine, dtype=float)[:3, :3], axis=0)
     return _triple(lengths) if np.isfinite(lengths).all() and (lengths > 0).all() else None
+
+
+def image_of(source: Any) -> tuple[Any, Spacing | None] | None:
+    """The voxels and their sizes of an object that holds an image.
+
+    Args:
+        source: an image of nibabel, a `SimpleITK.Image`, or a `MetaTensor` of MONAI, with or without its channel.
+
+    Returns:
+        Voxels (X, Y, Z) as an array or tensor, and their sizes or None; None for other objects.
+
+    Raises:
+        InputError: if it has several channels.
+    """
+    affine = getattr(source, "affine", None)
+    if hasattr(source, "dataobj") and affine is not None:
+        values = np.asanyarray(source.dataobj)
+        return values[..., 0] if values.ndim == 4 and values.shape[3] == 1 else values, column_lengths(affine)
+    if isinstance(source, Tensor) and isinstance(affine, Tensor):
+        plain = source.as_tensor() if hasattr(source, "as_tensor") else source
+        return _only_channel(plain), column_lengths(affine.detach().cpu())
+    if hasattr(source, "GetSpacing") and hasattr(source, "GetNumberOfComponentsPerPixel"):
+        return itk_array(source)
+    return None
+
+
+def _only_channel(values: Tensor) -> Tensor:
+    """(X, Y, Z) of (1, X, Y, Z)."""
+    if values.ndim != 4:
+        return values
+    if len(values) != 1:
+        raise InputError(f"the image has {len(values)} channels; pass one of them: topokit.from_voxels(image[0]).")
+    return values[0]
 
 
 @contextmanager

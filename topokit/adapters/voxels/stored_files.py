@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from topokit.adapters.voxels.entry import ADDRESSES, HDF5, is_zarr
+from topokit.adapters.voxels.entry import ADDRESSES, FORMATS
 from topokit.adapters.voxels.stored import (
     HdfVolume,
     IndexedVolume,
@@ -23,7 +23,8 @@ from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, 
 from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import existing_file, user_path
-from topokit.inputs.numpy_header import NUMPY, array_shapes
+from topokit.inputs.formats import stored_in
+from topokit.inputs.numpy_header import array_shapes
 from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking, lies_in
 
@@ -43,9 +44,10 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
         InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
     """
     if isinstance(volume, str) and lies_in(volume, ADDRESSES):
-        found: StoredVolume | None = _zarr_volume(volume, dataset)
+        found: StoredVolume | None = zarr_volume(volume, dataset)
     elif isinstance(volume, str | os.PathLike):
-        found = _stored_file(user_path(volume), dataset)
+        path = user_path(volume)
+        found = stored_in(FORMATS, path if path.is_dir() else existing_file(path), dataset)
     else:
         found = stored_array(volume)
     if dataset is not None and (found is None or isinstance(found, MappedVolume)):
@@ -66,20 +68,15 @@ def readable_in_blocks(volume: Any) -> StoredVolume:
     return in_memory_array(volume if isinstance(volume, Tensor) else np.asanyarray(volume))
 
 
-def _stored_file(path: Path, dataset: str | None) -> StoredVolume | None:
-    if path.is_dir():
-        return _zarr_volume(path, dataset) if is_zarr(path) else None
-    with existing_file(path).open("rb") as file:
-        start = file.read(len(HDF5))  # of a gzip file its own: that is read as a whole
-    if start.startswith(HDF5):
-        return _hdf_volume(path, dataset)
-    if start.startswith(NUMPY) and len(array_shapes(path).get("", ())) == 3:
-        with reading(path, "the NumPy reader"):
-            return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name)
-    return None
+def npy_volume(path: Path, dataset: str | None) -> StoredVolume | None:
+    """An array of three axes as a memory map; there is no data set to choose."""
+    if len(array_shapes(path).get("", ())) != 3:
+        return None
+    with reading(path, "the NumPy reader"):
+        return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name)
 
 
-def _zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
+def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
     """The volume in a folder or at an address."""
     name = PurePosixPath(path).name
     try:
@@ -129,7 +126,8 @@ def _spacing(values: Any) -> Spacing | None:
     return (sizes[0], sizes[1], sizes[2]) if len(sizes) == 3 else None
 
 
-def _hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
+def hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
+    """The volume in a file, or the one that the data set names."""
     try:
         import h5py
     except ImportError as error:

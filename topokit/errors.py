@@ -2,9 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Option:
+    """An option that a message names, in the words of Python; the command line has words of its own.
+
+    Attributes:
+        name: of the parameter.
+        value: as Python writes it, "…" for any, or None for the name alone.
+        written: what Python calls it, where that is not name=value: a function for a kind of files, for example.
+    """
+
+    name: str
+    value: str | None = None
+    written: str | None = None
+
+    def __str__(self) -> str:
+        return self.written or (self.name if self.value is None else f"{self.name}={self.value}")
+
 
 class TopokitError(Exception):
-    """Base class of every error that topokit raises on purpose."""
+    """Base class of every error that topokit raises on purpose.
+
+    Attributes:
+        parts: the message, as texts and the options that it names.
+        file: the one that the message names, for errors that are not about files alone; else None.
+    """
+
+    def __init__(self, *parts: str | Option, file: object = None) -> None:
+        super().__init__("".join(map(str, parts)))
+        self.parts, self.file = parts, file
+
+    def rename(self, before: str, after: str) -> None:
+        """Call a file by another name: a temporary copy, for example, by that of the original."""
+        self.parts = tuple(part.replace(before, after) if isinstance(part, str) else part for part in self.parts)
+        self.args = ("".join(map(str, self.parts)),)
+
+    def worded(self, option: Callable[[Option], str]) -> str:
+        """The message with other words for options."""
+        return "".join(part if isinstance(part, str) else option(part) for part in self.parts)
 
 
 class InputError(TopokitError, ValueError):
@@ -37,6 +76,11 @@ class AdapterWarning(UserWarning):
 
 class GenusError(TopokitError, ValueError):
     """The genus is undefined (the surface is not a manifold or not orientable) or unknown."""
+
+
+FOR_POINTS = Option("adapter", "'points'", "topokit.from_points")
+FOR_MESHES = Option("adapter", "'mesh'", "topokit.from_mesh")
+"""What opens such files instead."""
 
 
 def summary(error: BaseException | None) -> str:

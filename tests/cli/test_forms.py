@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import pickle
 import re
 import shutil
 from pathlib import Path
@@ -15,9 +16,11 @@ import typer
 from rich.text import Text
 from typer.testing import CliRunner, Result
 
+import topokit as tk
 from topokit.batch.examine import COLUMNS
 from topokit.cli.app import app
-from topokit.cli.options import _TEXTS, in_shell
+from topokit.cli.options import _TEXTS, Opener
+from topokit.errors import InputError, Option
 from topokit.plugins.foreign_code import options_of
 from topokit.plugins.registry import list_adapters
 
@@ -211,12 +214,28 @@ def test_advice_is_given_in_options(tmp_path: Path) -> None:
     assert "for points use --adapter points." in invoke("euler", tmp_path / "letter.obj").stderr
     found = invoke("euler", DATA / "sphere.ply", "--adapter", "voxels").stderr
     assert "from_" not in found
-    line = "Use topokit.from_points, or topokit.from_mesh(vertices, faces)."
-    assert in_shell(line, "a.obj") == "Use --adapter points, or topokit.from_mesh(vertices, faces)."
-    line = "Pass level=2 or run topokit.from_voxels(array, spacing=(1, 2, 3), level=2): spacing=1 is right."
-    assert in_shell(line, "a.tif") == (
-        "Pass --level 2 or run topokit.from_voxels(array, spacing=(1, 2, 3), level=2): --spacing 1 is right."
-    )
+    found = invoke("report", DATA / "sphere.ply", "--adapter", "points", "--neighbors", 2000).stderr
+    assert "--neighbors" in found
+    assert "n_neighbors" not in found
+
+
+def test_options_are_worded_as_they_are_written(tmp_path: Path) -> None:
+    np.save(tmp_path / "level=2.npy", np.random.default_rng(0).random((4, 4, 4)))
+    found = invoke("report", tmp_path).stderr
+    assert "pass --level … (inside" in found
+    assert "--label …" in found
+    with pytest.raises(InputError, match=r"pass level=… \(inside .* label=…"):
+        tk.load(tmp_path / "level=2.npy")
+    error = InputError("Pass ", Option("n_samples"), ", or ", Option("adapter", "'points'", "topokit.from_points"), ".")
+    assert str(error) == "Pass n_samples, or topokit.from_points."
+    assert Opener(None, {}).worded(error) == "Pass --samples, or --adapter points."
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+    assert pickle.loads(pickle.dumps(error)).parts == error.parts
+
+
+def test_a_file_that_is_called_like_an_option_keeps_its_name(tmp_path: Path) -> None:
+    (tmp_path / "level=2.stl").write_text("hello")
+    assert "level=2.stl" in invoke("report", tmp_path / "level=2.stl").stderr
 
 
 @pytest.mark.parametrize("charset", ["ascii", "cp1252", "cp437", "latin-1", "utf-8"])

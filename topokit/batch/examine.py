@@ -59,6 +59,10 @@ class Options:
         """The adapter's name and its options."""
         return adapter_for(path, self.adapter).name, self.given
 
+    def worded(self, error: TopokitError) -> str:
+        """The message of an error for those who gave the options."""
+        return str(error)
+
 
 @dataclass(frozen=True)
 class Questions:
@@ -127,7 +131,8 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
                 answers.append(replace(answer, row=answer.row | known))
                 started = time.perf_counter()
     except TopokitError as error:
-        answers.append(failure(source, str(error), time.perf_counter() - started))
+        error.rename(str(source.path), source.name)
+        answers.append(failure(source, questions.options.worded(error), time.perf_counter() - started))
     return answers
 
 
@@ -143,7 +148,6 @@ def _answer(shape: Shape, questions: Questions) -> Answer:
 
 def failure(source: Source, problem: str, seconds: float | None) -> Answer:
     """The answer about a file that could not be examined."""
-    problem = problem.replace(str(source.path), source.name)
     return Answer(dict.fromkeys(COLUMNS) | {"file": source.name, "seconds": seconds, "error": problem})
 
 

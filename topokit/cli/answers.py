@@ -19,7 +19,7 @@ from topokit.batch.sources import Sources
 from topokit.batch.survey import entry
 from topokit.batch.workers import examine_each, in_order
 from topokit.cli.conditions import Condition
-from topokit.cli.options import Opener, in_shell
+from topokit.cli.options import Opener
 from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, is_same, sources_of
 from topokit.cli.writers import Writer
@@ -69,7 +69,7 @@ def answer_files(
     ) -> Iterator[Answer]:
         nonlocal has_failed
         for _, answers in coming:
-            for answer in map(_in_terms_of_the_shell, map(check, answers)):
+            for answer in map(check, answers):
                 met = _met(answer, request.conditions)
                 _show(answer, met, writer, bar if is_terminal or answer.error or met else None, request.verbose)
                 has_failed = has_failed or answer.error is not None or bool(met)
@@ -133,12 +133,6 @@ def _show(answer: Answer, met: Sequence[str], writer: Writer, bar: Bar | None, v
             say(f"{answer.row['file']}: {answer.row['adapter']}, {answer.row['seconds']:.2f} s")
         if met:
             say(f"{called(answer.row)} meets {', '.join(met)}")
-
-
-def _in_terms_of_the_shell(answer: Answer) -> Answer:
-    if answer.error is None:
-        return answer
-    return replace(answer, row=answer.row | {"error": in_shell(answer.error, answer.row["file"])})
 
 
 def _names_for_bar(found: Sources, opener: Opener) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,7 +12,7 @@ import typer
 from topokit.batch.examine import Options, seeded
 from topokit.cli.bundle import bundled
 from topokit.cli.values import expected_value, is_writable, parse_value
-from topokit.errors import InputError, MissingDependencyError
+from topokit.errors import InputError, MissingDependencyError, TopokitError
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
@@ -90,13 +89,8 @@ _OPTIONS = {
     "generator": _integer_option("--seed", least=0, help_text="Seed of the sampling."),
     "more": Annotated[list[str] | None, _MORE],
 }
+_QUOTES = "'"
 _ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
-# In messages of the library: n_samples, level=…, adapter='mesh'; "level" alone is a word.
-_NAMES = "|".join(("adapter", "labels", *_TEXTS))
-_IN_PYTHON = re.compile(rf"\b(n_neighbors|n_samples|(?:{_NAMES})(?==))(?:='?([^\s',;)]*[^\s',;.)])'?)?")
-# topokit.from_points as the name of what to use.
-_OPENERS = re.compile(r"\btopokit\.from_(mesh|points|voxels|sdf|occupancy|splats)\b")
-_CODE = re.compile(r"(\btopokit\.\w+\((?:[^()]|\([^()]*\))*\))")  # a line of Python stays one
 
 
 class Opener(Options):
@@ -119,6 +113,10 @@ class Opener(Options):
             for name, value in self.given.items()
             if known is None or name in known or name not in _SAMPLING
         }
+
+    def worded(self, error: TopokitError) -> str:
+        """The message of an error in terms of the command line: "pass level=…" becomes "pass --level …"."""
+        return error.worded(lambda it: _flag(it.name) + ("" if it.value is None else f" {it.value.strip(_QUOTES)}"))
 
     def open(self, place: Path | str) -> Shape:
         """The shape of a file, or of what is at an address; errors as above and those of `topokit.load`."""
@@ -222,25 +220,3 @@ def _parameters(adapter: str | None, name: str) -> list[inspect.Parameter]:
 
 
 opens_files = bundled("opener", _OPTIONS, _opener)
-
-
-def in_shell(message: str, name: str) -> str:
-    """A message of the library in terms of the command line: "pass level=…" becomes "pass --level …".
-
-    "Use topokit.from_points" becomes "use --adapter points".
-
-    Args:
-        message: of an error.
-        name: of the file, which is left as it is.
-    """
-
-    def spelled(match: re.Match[str]) -> str:
-        option, value = match.groups()
-        return f"{_flag(option)} {value}" if value else _flag(option)
-
-    def translated(part: str) -> str:
-        pieces = _CODE.split(part)
-        pieces[::2] = [_OPENERS.sub(r"--adapter \1", _IN_PYTHON.sub(spelled, piece)) for piece in pieces[::2]]
-        return "".join(pieces)
-
-    return name.join(map(translated, message.split(name)))

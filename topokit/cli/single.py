@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from topokit.cli.answers import say
-from topokit.cli.options import Opener, in_shell
+from topokit.cli.options import Opener
 from topokit.cli.request import is_same, sources_of
 from topokit.errors import InputError, TopokitError
 from topokit.text import printable
@@ -55,5 +55,6 @@ def ask(
             if text := answer(opener.open(source.path)):
                 typer.echo(text)
         except TopokitError as error:
-            say(in_shell(str(error).replace(str(source.path), source.name), source.name))
+            error.rename(str(source.path), source.name)
+            say(opener.worded(error))
             raise typer.Exit(1) from error

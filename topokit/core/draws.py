@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 
 
 def deferred_seed(generator: torch.Generator | None) -> int:
@@ -46,4 +46,5 @@ def check_sample_count(n_samples: int, n_neighbors: int) -> None:
         InputError: if there are not more samples than neighbors.
     """
     if n_samples <= n_neighbors:
-        raise InputError(f"n_samples is {n_samples}; it must be larger than n_neighbors, which is {n_neighbors}.")
+        larger = f" is {n_samples}; it must be larger than ", Option("n_neighbors"), f", which is {n_neighbors}."
+        raise InputError(Option("n_samples"), *larger)

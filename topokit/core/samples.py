@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.residence import stays_on_device
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 
 _FEWEST = 9  # points from which fewer neighbors are worth recommending
 
@@ -186,7 +186,8 @@ def enough_neighbors(n_neighbors: object) -> None:
         InputError: if it is not an integer of at least 3.
     """
     if not isinstance(n_neighbors, Integral) or isinstance(n_neighbors, bool) or n_neighbors < 3:
-        raise InputError(f"n_neighbors is {n_neighbors!r}; an integer of at least 3 is needed to span a tangent plane.")
+        needed = f" is {n_neighbors!r}; an integer of at least 3 is needed to span a tangent plane."
+        raise InputError(Option("n_neighbors"), needed)
 
 
 def enough_points(n_points: int, n_neighbors: int, name: str) -> None:
@@ -196,10 +197,12 @@ def enough_points(n_points: int, n_neighbors: int, name: str) -> None:
         InputError: if there are not; it recommends fewer neighbors only where some points are left to choose from.
     """
     if n_points <= n_neighbors:
-        fewer = f", or pass a smaller n_neighbors (3 to {n_points - 1})" if n_points >= _FEWEST else ""
+        fewer = ", or pass a smaller ", Option("n_neighbors"), f" (3 to {n_points - 1})"
         raise InputError(
             f"{name} has {n_points} point{'' if n_points == 1 else 's'}, too few for {n_neighbors} neighbors each: "
-            f"give at least {n_neighbors + 1}{fewer}."
+            f"give at least {n_neighbors + 1}",
+            *(fewer if n_points >= _FEWEST else ()),
+            ".",
         )
 
 

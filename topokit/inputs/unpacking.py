@@ -120,9 +120,7 @@ def temporary_file(name: str, called: str, write: Callable[[BinaryIO], None]) ->
                 write(file)
             yield path
         except TopokitError as error:
-            error.args = tuple(
-                text.replace(str(path), called) if isinstance(text, str) else text for text in error.args
-            )
+            error.rename(str(path), called)
             raise
         finally:
             _folders.discard(folder)

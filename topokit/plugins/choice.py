@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
+from topokit.errors import AdapterError, InputError, MissingDependencyError, Option, UnknownFormatError
 from topokit.inputs.files import ZIP, existing_file, head, require_beginning
 from topokit.inputs.remote import is_address, lies_in
 from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 from topokit.plugins.foreign_code import foreign_code, warn_once
-from topokit.plugins.programs import not_asked_for
+from topokit.plugins.programs import alternatives, not_asked_for
 
 _PACKED = "It is a zip archive: unpack it first. "
 _TO_EXPORT = dict.fromkeys(
@@ -91,8 +91,8 @@ def _best(matching: list[Adapter], source: object, lead: str) -> Adapter:
         if isinstance(source, Path) and source.is_file() and not _recognizes(best, source):
             with unpacked(source) as plain:
                 require_beginning(plain)
-        options = " or ".join(f"adapter={name}" for name in names)
-        raise InputError(f"{lead} the adapters {' and '.join(names)}, which rank equally: pass {options}.")
+        equal = f"{lead} the adapters {' and '.join(names)}, which rank equally: pass "
+        raise InputError(equal, *alternatives(names), ".")
     return best
 
 
@@ -145,9 +145,8 @@ def _unknown_file(adapters: Sequence[Adapter], path: Path) -> UnknownFormatError
     known = sorted({suffix for adapter in adapters for suffix in adapter.suffixes})
     names = ", ".join(repr(one.name) for one in adapters if one.suffixes or not one.types)  # not objects alone
     return UnknownFormatError(
-        f"{path}: {what}. {packed}Known: {', '.join(known)}. "
-        f"{_not_installed(adapters)}"
-        f"If you know what it is, pass adapter=…, one of {names}. {_HOW}"
+        f"{path}: {what}. {packed}Known: {', '.join(known)}. {_not_installed(adapters)}If you know what it is, pass ",
+        *(Option("adapter", "…"), f", one of {names}. {_HOW}"),
     )
 
 

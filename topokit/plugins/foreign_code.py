@@ -135,9 +135,9 @@ def open_with(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shap
         with foreign_code(what, adapter):
             shape = adapter.open(source, **{k: v for k, v in options.items() if known is None or k in known})
     except InputError as error:
-        if str(source) in str(error) or not isinstance(source, Path):
+        if error.file is not None or not isinstance(source, Path):
             raise
-        raise InputError(f"{source} (adapter {adapter.name!r}): {error}") from error
+        raise InputError(f"{source} (adapter {adapter.name!r}): ", *error.parts, file=source) from error
     if not isinstance(shape, Shape):
         raise AdapterError(f"{what}: it returned {_kind(shape)}; a topokit.Shape was expected.")
     return shape.replace(n_neighbors=options["n_neighbors"]) if "n_neighbors" in options else shape

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.plugins.adapter import Adapter
 
 
@@ -17,11 +17,18 @@ def not_asked_for(adapters: Sequence[Adapter], lead: str) -> InputError:
     """
     kinds = " and ".join(f"{adapter.name!r} ({adapter.description})" for adapter in adapters)
     advice = " ".join(dict.fromkeys(adapter.runs_code for adapter in adapters if adapter.runs_code))
-    options = " or ".join(f"adapter={adapter.name!r}" for adapter in adapters)
     return InputError(
         f"{lead} {kinds}. Such a file is a program: opening it runs it, and it can do what you can do. So it is opened "
-        f"only on request: if you would run it, pass {options}, with the path of this one file. {advice}"
+        "only on request: if you would run it, pass ",
+        *alternatives([repr(adapter.name) for adapter in adapters]),
+        f", with the path of this one file. {advice}",
     )
+
+
+def alternatives(names: Sequence[str]) -> list[str | Option]:
+    """The option `adapter` with each of several names, which are written as in Python, as parts of an error."""
+    parts = [part for name in names for part in (" or ", Option("adapter", name))]
+    return parts[1:]
 
 
 def not_named(source: object, name: str) -> str:

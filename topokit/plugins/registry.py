@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from topokit.errors import AdapterError, InputError, MissingDependencyError, UnknownFormatError
+from topokit.errors import AdapterError, InputError, MissingDependencyError, Option, UnknownFormatError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import fetched, is_address, lies_in
 from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
@@ -166,7 +166,7 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
                 return load(path, adapter=adapter, **options)
             except UnknownFormatError as error:
                 hint = "" if format else " Or pass the suffix that such files have: format='stl'."
-                raise UnknownFormatError(f"{error}{hint}") from error
+                raise UnknownFormatError(*error.parts, hint) from error
     source = _as_path(source)
     if format is not None:
         if not isinstance(source, Path) or source.is_dir():
@@ -270,7 +270,8 @@ def load_labels(source: Path | str, labels: Any, adapter: str, **options: Any) -
         raise InputError(f"{source}: adapter {adapter!r} opens no labels; {having} does.")
     known = options_of(found, "open_labels")
     if known is not None and (wrong := sorted(options.keys() - known.keys())):
-        raise InputError(f"{source}: with labels there is no {', '.join(f'{name}=…' for name in wrong)}; leave it out.")
+        named = [part for name in wrong for part in (", ", Option(name, "…"))][1:]
+        raise InputError(f"{source}: with labels there is no ", *named, "; leave it out.")
     shapes: Mapping[int, Shape] = answer_of(found, "open_labels", source, labels, **options)
     return shapes
 

@@ -22,7 +22,7 @@ from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.neighborhood_size import given_or_default
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions
 from topokit.inputs.files import existing_file
 from topokit.inputs.remote import is_address
@@ -169,7 +169,8 @@ def _blocks(block_voxels: int | None, client: Any) -> Blocks:
 
 def _log_odds(probability: float) -> float:
     if not isinstance(probability, Real) or not 0 < probability < 1:
-        raise InputError(f"with logits=True level is a probability between 0 and 1, got {probability!r}.")
+        wrong = f" level is a probability between 0 and 1, got {probability!r}."
+        raise InputError("with ", Option("logits", "True"), wrong)
     return math.log(probability / (1 - probability))
 
 

@@ -16,7 +16,7 @@ from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
 from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
-from topokit.errors import InputError, summary
+from topokit.errors import InputError, Option, summary
 
 Function = Callable[[Tensor], Tensor]
 BATCH_SIZE = 1 << 16  # points per call, at most
@@ -115,7 +115,9 @@ class LevelFunction:
                 if len(part) <= 1:
                     raise InputError(
                         f"{self.name} runs out of memory with one point more ({summary(error)}): use a smaller "
-                        "network, or lower n_samples or field_resolution, as gradients keep what all points need."
+                        "network, or lower ",
+                        *(Option("n_samples"), " or ", Option("field_resolution")),
+                        ", as gradients keep what all points need.",
                     ) from error
                 size = len(part) // 2
                 continue

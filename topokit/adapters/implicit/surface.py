@@ -36,7 +36,7 @@ from topokit.core.implicit.level_set import (
 from topokit.core.implicit.unseen import carries_distance
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.report.function import function_answer
 from topokit.report.report import CountedAnswer
 
@@ -210,7 +210,8 @@ def _check_signs(values: Tensor, function: LevelFunction, bounds: Bounds) -> Non
     if function.is_probability and len(finite) and float(finite.min()) < (0 if mostly_inside else _BELOW_ZERO):
         raise InputError(
             f"the values of {function.name} go from {least} to {most} in {box}, so they are no probabilities. Use "
-            "from_sdf for a signed distance, logits=True for log-odds, or give the level of what else they are."
+            "from_sdf for a signed distance, ",
+            *(Option("logits", "True"), " for log-odds, or give the level of what else they are."),
         )
     if inside[border].all():
         side, other = ("below", "from_occupancy") if function.sign < 0 else ("above", "from_sdf")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.core.mesh.welding import equal_vertices, may_have_near, near_vertices
-from topokit.errors import InputError
+from topokit.errors import FOR_POINTS, InputError
 from topokit.report.wording import plural
 
 Integers = NDArray[np.int64]
@@ -75,7 +75,7 @@ def count_mesh(vertices: Floats, faces: Integers) -> CountedMesh:
 
 def _check(vertices: Floats, faces: Integers) -> None:
     if len(faces) == 0:
-        raise InputError("the mesh has no faces; for points alone use topokit.from_points.")
+        raise InputError("the mesh has no faces; for points alone use ", FOR_POINTS, ".")
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
         hint = " They seem to be numbered from 1: subtract 1." if (low, high) == (1, len(vertices)) else ""

@@ -19,7 +19,7 @@ from topokit.adapters.mesh.formats.stl import counted_stl, is_binary_stl
 from topokit.adapters.mesh.formats.three_mf import check_3mf
 from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.scenes import load_flattened
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import FOR_POINTS, MissingDependencyError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.ply import check_header
 from topokit.inputs.reading import quiet, reading
@@ -54,7 +54,7 @@ def read_mesh(path: Path) -> Mesh:
     else:
         vertices, faces = _through_trimesh(path, kind)
     if len(faces) == 0:
-        raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use topokit.from_points.")
+        raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use ", FOR_POINTS, ".")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise ReadError(f"{path} has vertices of shape {vertices.shape}; three coordinates of each are expected.")
     return vertices, faces

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from topokit.adapters.points.entry import FORMATS, POINTS, TEXT, is_obj_cloud
 from topokit.adapters.points.stored import NAMES, Cloud, Floats, MappedCloud, StoredCloud, split, whole
 from topokit.adapters.points.text import Layout, TextCloud
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import FOR_MESHES, MissingDependencyError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
 from topokit.inputs.numpy_header import array_shapes
@@ -103,7 +103,7 @@ def read_e57(path: Path) -> Cloud:
 def read_obj(path: Path) -> Cloud:
     """The vertices, and as many normals as there are, if there are so many; colors behind the vertices are ignored."""
     if not is_obj_cloud(path):
-        raise ReadError(f"{path} has faces, or no vertices at all: topokit.from_mesh reads its faces.")
+        raise ReadError(f"{path} has faces, or no vertices at all: ", FOR_MESHES, " reads its faces.")
     rows: dict[bytes, list[list[bytes]]] = {b"v": [], b"vn": []}
     with path.open("rb") as file:
         for line in file:

@@ -71,7 +71,7 @@ class MappedCloud(StoredCloud):
         )
         path = Path(str(mapped.filename))
         if columns is None and mapped.dtype.kind not in "biuf":
-            raise InputError(f"{path} holds an array of {mapped.dtype}; real numbers were expected.")
+            raise InputError(f"{path} holds an array of {mapped.dtype}; real numbers were expected.", file=path)
         if columns is None and (mapped.ndim != 2 or mapped.shape[1] < 3):
             raise ReadError(f"{path} has shape {mapped.shape}; {_WIDTHS} was expected.")
         super().__init__(path, len(mapped), (0, len(mapped)), False)

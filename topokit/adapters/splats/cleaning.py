@@ -10,7 +10,7 @@ from torch import Tensor
 from topokit.adapters.splats.clusters import Component, choose_clusters
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.adapters.splats.geometry import disc_areas, thickness
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,9 @@ class Kept:
     notes: tuple[str, ...]
 
 
+Why = tuple[str | Option, ...]
+
+
 def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
     """Drop what is not surface and choose a cluster. The splats stay differentiable, the choice is not.
 
@@ -63,13 +66,13 @@ def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
     splats = _without_broken(splats, notes)
     if limits.min_opacity is not None:
         faint = splats.opacities < limits.min_opacity
-        splats = _drop(splats, faint, f"are fainter than min_opacity={limits.min_opacity:g}", notes)
+        why: Why = "are fainter than ", Option("min_opacity", f"{limits.min_opacity:g}")
+        splats = _drop(splats, faint, why, notes)
     if limits.max_size_ratio is not None:
         size = splats.scales.detach().amax(-1)
         huge = size > limits.max_size_ratio * size.median()
-        splats = _drop(
-            splats, huge, f"are larger than max_size_ratio={limits.max_size_ratio:g} times the median", notes
-        )
+        why = "are larger than ", Option("max_size_ratio", f"{limits.max_size_ratio:g}"), " times the median"
+        splats = _drop(splats, huge, why, notes)
     is_flat = True
     if limits.max_thickness_ratio is not None:
         splats, is_flat = _without_thick(splats, limits.max_thickness_ratio, notes)
@@ -79,12 +82,12 @@ def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
 def _without_thick(splats: GaussianSplats, max_ratio: float, notes: list[str]) -> tuple[GaussianSplats, bool]:
     """The discs, or all splats where most are blobs; and whether they are discs."""
     thick = thickness(splats) > max_ratio
-    why = f"are thicker than max_thickness_ratio={max_ratio:g}"
+    why: Why = "are thicker than ", Option("max_thickness_ratio", f"{max_ratio:g}")
     if 2 * int(thick.sum()) <= len(splats):
         return _drop(splats, thick, why, notes), True
     notes.append(
-        f"{int(thick.sum())} of {len(splats)} splats {why}: most are blobs, not discs. They were kept; their rotations "
-        "give no normals, which are estimated from the samples instead."
+        f"{int(thick.sum())} of {len(splats)} splats {_said(why)}: most are blobs, not discs. They were kept; their "
+        "rotations give no normals, which are estimated from the samples instead."
     )
     return splats, False
 
@@ -99,14 +102,19 @@ def _without_broken(splats: GaussianSplats, notes: list[str]) -> GaussianSplats:
             f"{n_broken} of {len(splats)} splats are NaN, infinite, without rotation or of no area. "
             "More than half of the scene is invalid: keep the valid rows yourself if you want to use them."
         )
-    return _drop(splats, ~sound, "are NaN, infinite, without rotation or of no area", notes)
+    return _drop(splats, ~sound, ("are NaN, infinite, without rotation or of no area",), notes)
 
 
-def _drop(splats: GaussianSplats, dropped: Tensor, why: str, notes: list[str]) -> GaussianSplats:
+def _drop(splats: GaussianSplats, dropped: Tensor, why: Why, notes: list[str]) -> GaussianSplats:
     n_dropped = int(dropped.sum())
     if n_dropped == 0:
         return splats
     if n_dropped == len(splats):
-        raise InputError(f"all {n_dropped} splats {why}: nothing is left. Relax that limit, or pass None to skip it.")
-    notes.append(f"{n_dropped} of {len(splats)} splats {why} and were dropped.")
+        left = ": nothing is left. Relax that limit, or pass None to skip it."
+        raise InputError(f"all {n_dropped} splats ", *why, left)
+    notes.append(f"{n_dropped} of {len(splats)} splats {_said(why)} and were dropped.")
     return splats[~dropped]
+
+
+def _said(why: Why) -> str:
+    return "".join(map(str, why))

@@ -27,7 +27,7 @@ from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.local.neighborhood_size import given_or_default
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions, as_tensor
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import lies_in, takes_addresses
@@ -215,8 +215,8 @@ def _as_labels(label: object) -> Labels:
 def _check_choice(level: float | None, labels: Labels) -> None:
     """An `InputError` if both a level and labels are given."""
     if labels and level is not None:
-        given = f"both level={level} and label={listed(labels)} were given"
-        raise InputError(f"{given}; one of them says what is inside.")
+        given = "both ", Option("level", f"{level}"), " and ", Option("label", listed(labels)), " were given"
+        raise InputError(*given, "; one of them says what is inside.")
 
 
 def _level_and_notes(values: Tensor, level: float | None, labels: Labels) -> tuple[float, tuple[str, ...]]:
@@ -239,8 +239,9 @@ def _level_of_binary(values: Tensor) -> float:
     )
     if not is_binary:
         raise InputError(
-            f"the volume has more than the two values of a binary one, from {low:g} to {high:g}: pass level=… "
-            f"(inside is above it; {(low + high) / 2:g} would be half-way) or, for a labeled volume, label=…"
+            f"the volume has more than the two values of a binary one, from {low:g} to {high:g}: pass ",
+            *(Option("level", "…"), f" (inside is above it; {(low + high) / 2:g} would be half-way) or, "),
+            *("for a labeled volume, ", Option("label", "…")),
         )
     return high / 2
 

@@ -16,7 +16,7 @@ from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
 from topokit.report.wording import plural
@@ -93,8 +93,8 @@ class Solid:
             raise InputError("all voxels are NaN.")
         if self.level is None and not self.labels and not (seen.is_binary and seen.low >= 0):
             raise InputError(
-                f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass "
-                "level=… (inside is above it) or, for a labeled volume, label=…"
+                f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass ",
+                *(Option("level", "…"), " (inside is above it) or, for a labeled volume, ", Option("label", "…")),
             )
         if is_empty:
             above = f"is above the level {self.level or 0:g}"

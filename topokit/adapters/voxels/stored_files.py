@@ -21,7 +21,7 @@ from topokit.adapters.voxels.stored import (
 )
 from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, check_zarr, refuse_links
 from topokit.core.grid.grid import Spacing
-from topokit.errors import InputError, MissingDependencyError, ReadError
+from topokit.errors import InputError, MissingDependencyError, Option, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.formats import stored_in
 from topokit.inputs.numpy_header import array_shapes
@@ -51,7 +51,8 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
     else:
         found = stored_array(volume)
     if dataset is not None and (found is None or isinstance(found, MappedVolume)):
-        raise InputError(f"dataset={dataset!r} names an array in a zarr group or HDF5 file; this is neither.")
+        named = Option("dataset", repr(dataset))
+        raise InputError(named, " names an array in a zarr group or HDF5 file; this is neither.")
     return found
 
 
@@ -63,7 +64,8 @@ def readable_in_blocks(volume: Any) -> StoredVolume:
     """
     if isinstance(volume, str | os.PathLike):
         raise InputError(
-            f"{volume} can be read only as a whole. Convert it to .zarr, .h5 or .npy, or open it and pass the array."
+            f"{volume} can be read only as a whole. Convert it to .zarr, .h5 or .npy, or open it and pass the array.",
+            file=volume,
         )
     return in_memory_array(volume if isinstance(volume, Tensor) else np.asanyarray(volume))
 
@@ -157,7 +159,8 @@ def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], dataset: str |
     held = ", ".join(_described(shapes)) or "no array"
     if dataset is not None:
         raise ReadError(f"{path} has no array {dataset!r}. It holds {held}.")
-    raise InputError(f"{path} holds {held}: pass dataset=…, the path of an array with three axes.")
+    wanted = "pass ", Option("dataset", "…"), ", the path of an array with three axes."
+    raise InputError(f"{path} holds {held}: ", *wanted, file=path)
 
 
 def _described(shapes: dict[str, tuple[int, ...]], most: int = 10) -> Iterator[str]:

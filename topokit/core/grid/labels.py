@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
 
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 
 Box = tuple[slice, slice, slice]
 
@@ -58,8 +58,8 @@ def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
     whole = np.where(np.isnan(values), 0, values)
     if not (np.isfinite(whole).all() and (whole == np.rint(whole)).all()):
         raise InputError(
-            f"the volume holds gray values, from {whole.min():g} to {whole.max():g}; labels are whole numbers. "
-            "Pass level=… for the solid above a level."
+            f"the volume holds gray values, from {whole.min():g} to {whole.max():g}; labels are whole numbers. Pass ",
+            *(Option("level", "…"), " for the solid above a level."),
         )
     return whole.astype(np.int64)
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.polygons import fans
-from topokit.errors import ReadError
+from topokit.errors import FOR_POINTS, ReadError
 
 
 def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -36,7 +36,7 @@ def read_off(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     vertices = np.array([row[:3] for row in rows[1 : 1 + n_vertices]], dtype=np.float64).reshape(-1, 3)
     polygons = [row for row in rows[1 + n_vertices : 1 + n_vertices + n_faces] if int(row[0]) > 2]
     if not polygons:
-        raise ReadError(f"{path} holds no faces. A mesh was expected; for points use topokit.from_points.")
+        raise ReadError(f"{path} holds no faces. A mesh was expected; for points use ", FOR_POINTS, ".")
     counts = np.array([int(row[0]) for row in polygons])
     short = next((row for row, count in zip(polygons, counts, strict=True) if len(row) <= count), None)
     if short is not None:

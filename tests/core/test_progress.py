@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import pytest
 import torch
 
 import topokit as tk
-from topokit.core.progress import begin, listening, stages
-from topokit.report.progress import time_left
+from topokit.core.progress import Listener, advance, begin, ignore, listening, stages
+from topokit.report.progress import progress_bar, time_left
 from topokit.testing import torus_samples
 
 Heard = list[tuple[str, float]]
@@ -27,6 +29,23 @@ def test_a_listener_is_told_the_share_before_each_stage() -> None:
 def test_nobody_listens_by_default() -> None:
     with stages({"one": 1.0}):
         begin("one")
+        advance(1.0)
+
+
+def test_the_share_of_a_stage_counts_and_never_falls() -> None:
+    heard: Heard = []
+    with listening(lambda stage, share: heard.append((stage, share))), stages({"one": 1.0, "two": 3.0}):
+        begin("one")
+        advance(0.5)
+        advance(0.25)  # a part of it is done again
+        begin("two")
+        advance(1.0)
+        begin("unannounced")
+        advance(0.5)
+    assert heard == [
+        *[("one", 0.0), ("one", 0.125), ("one", 0.125)],
+        *[("two", 0.25), ("two", 1.0), ("unannounced", 1.0), ("unannounced", 1.0)],
+    ]
 
 
 @pytest.mark.parametrize("most", [30_000, 2_000])
@@ -58,6 +77,21 @@ def test_a_bar_is_shown_on_terminals_after_a_while(
     tk.from_points(points).report()
     err = capsys.readouterr().err
     assert ("4000 points: counting" in err and "s left" in err) == (is_terminal and patience == 0)
+
+
+@pytest.mark.parametrize("others", [ignore, None])
+def test_no_second_bar_is_drawn(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], others: Listener | None
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    hearing = nullcontext() if others is None else listening(others)
+    outer, inner = (progress_bar([name], patience=0) for name in ("outer", "inner"))
+    with hearing, outer, inner, stages({"one": 1.0}):
+        begin("one")
+    err = capsys.readouterr().err
+    assert "inner" not in err
+    assert ("outer: one" in err) == (others is None)
 
 
 def test_time_left() -> None:

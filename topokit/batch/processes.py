@@ -103,8 +103,7 @@ class Worker:
         self._limits = limits
         self._least = 0.0  # GiB of the process before its first task
         threads = {name: str(n_threads) for name in _THREADS} | {"OMP_WAIT_POLICY": "passive"}
-        without_bars = {"TTY_INTERACTIVE": "0"}  # of rich, which would overlap
-        self._environment = threads | os.environ | without_bars | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
+        self._environment = threads | os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
         self._process: subprocess.Popen[bytes] | None = None
         self._is_stopped = False
 

@@ -15,6 +15,7 @@ from topokit.batch.own_process import call_in_own_process
 from topokit.batch.processes import map_in_processes
 from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
+from topokit.core.progress import ignore, listening
 from topokit.errors import TopokitError
 from topokit.plugins.registry import list_adapters, opens_address, shared_by_workers
 
@@ -34,13 +35,14 @@ def examine_each(
         client: a `dask.distributed.Client`, whose workers examine the files instead; or None.
     """
     ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
+    without_bar = partial(_without_bar, ask)
     jobs = jobs or n_cores()
     if client is not None:
         yield from _on_cluster(sources, questions, limits, client)
     elif (jobs == 1 and not limits) or not sources:
         yield from enumerate(map(ask, sources))
     else:
-        with closing(map_in_processes(ask, sources, min(jobs, len(sources)), _after_death, limits)) as coming:
+        with closing(map_in_processes(without_bar, sources, min(jobs, len(sources)), _after_death, limits)) as coming:
             yield from coming
 
 
@@ -67,7 +69,7 @@ def _on_cluster(
     found = [_from_anywhere(source) for source in sources]
     large = [number for number, source in enumerate(found) if not limits and _is_large(source, questions)]
     others = [number for number in range(len(found)) if number not in set(large)]
-    ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
+    ask: Callable[[Source], list[Answer]] = partial(_without_bar, partial(examine, questions=questions))
     ask = partial(call_in_own_process, ask, after_death=_after_death, limits=limits) if limits else ask
     with closing(map_on_cluster(ask, [found[number] for number in others], client, _after_death)) as coming:
         for place, answers in coming:
@@ -75,6 +77,12 @@ def _on_cluster(
     by_all = replace(questions, client=client)
     for number in large:
         yield number, examine(found[number], by_all)
+
+
+def _without_bar(ask: Callable[[Source], list[Answer]], source: Source) -> list[Answer]:
+    """What is asked of a source; the bars of many workers would overlap."""
+    with listening(ignore):
+        return ask(source)
 
 
 def _is_large(source: Source, questions: Questions) -> bool:

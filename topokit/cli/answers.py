@@ -20,12 +20,12 @@ from topokit.batch.survey import entry
 from topokit.batch.workers import examine_each, in_order
 from topokit.cli.conditions import Condition
 from topokit.cli.options import Opener
-from topokit.cli.progress import Bar, progress_bar
 from topokit.cli.request import Request, is_same, sources_of
 from topokit.cli.writers import Writer
 from topokit.ending import finally_do, written_whole
 from topokit.errors import InputError, TopokitError
 from topokit.plugins.registry import adapter_for
+from topokit.report.progress import Bar, progress_bar
 from topokit.report.wording import plural
 from topokit.text import printable
 
@@ -83,7 +83,7 @@ def answer_files(
             found, had_failed = _unfinished(found, resume)
         with (
             _stream(output, found, "a" if resume else "w") as stream,
-            progress_bar(_names_for_bar(found, opener)) as bar,
+            progress_bar(_names_for_bar(found, opener), patience=0) as bar,
             _finished(make_writer(stream, found)) as writer,
             closing(examine_each(found.sources, questions, request.jobs, request.limits, client)) as coming,
         ):
@@ -136,8 +136,10 @@ def _show(answer: Answer, met: Sequence[str], writer: Writer, bar: Bar | None, v
 
 
 def _names_for_bar(found: Sources, opener: Opener) -> list[str]:
-    """The names of the files; none if there is only one whose adapter shows its own progress."""
-    if len(found.sources) == 1 and sys.stderr.isatty():
+    """The names of the files; none without a terminal, or if there is only one whose adapter draws a bar itself."""
+    if not sys.stderr.isatty():
+        return []
+    if len(found.sources) == 1:
         try:
             path = found.sources[0].path
             if isinstance(path, Path) and adapter_for(path, opener.adapter).shows_progress:

@@ -1,21 +1,41 @@
-"""How far a long computation is: stages of known weight, told to whoever listens."""
+"""How far a long computation is: what it does names its stages, and a listener hears which share is done.
+
+The computation announces `stages`, says when one of them begins, and may `advance` within it. Somebody else shows that:
+`listening` sets who hears of the stages that begin in a block and thread. Nobody does by default.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 
 Listener = Callable[[str, float], None]
-"""Told the name of each stage as it begins, and the share of the whole that is done by then, from 0 to 1."""
+"""Called with the stage and the share of the whole that is done, from 0 to 1; the share never falls."""
+
+
+@dataclass
+class _Course:
+    """Announced stages with their weights, the stage that goes on, and the shares done before it and so far."""
+
+    weights: Mapping[str, float]
+    stage: str = ""
+    before: float = 0.0
+    done: float = 0.0
+
+    def weight(self, *stages: str) -> float:
+        """Share of the whole that some stages are; 0 for those that were not announced."""
+        return sum(self.weights.get(stage, 0.0) for stage in stages) / sum(self.weights.values())
+
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
-_weights: ContextVar[Mapping[str, float] | None] = ContextVar("weights", default=None)
+_course: ContextVar[_Course | None] = ContextVar("course", default=None)
 
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Tell a listener of the stages that begin in this block and thread."""
+    """Let a listener hear of the stages that begin in this block and thread."""
     token = _listener.set(listener)
     try:
         yield
@@ -23,25 +43,44 @@ def listening(listener: Listener) -> Iterator[None]:
         _listener.reset(token)
 
 
+def has_listener() -> bool:
+    """Whether somebody listens here."""
+    return _listener.get() is not None
+
+
+def ignore(stage: str, share: float) -> None:
+    """A `Listener` that shows nothing, so that nobody else shows it either."""
+
+
 @contextmanager
 def stages(weights: Mapping[str, float]) -> Iterator[None]:
     """The stages of the block in their order, with the time that each takes in any unit.
 
-    Stages may be skipped. A block in a block tells nothing: it is a part of a stage.
+    Stages may be skipped. A block in a block reports nothing: it is a part of a stage.
     """
-    is_inner = _weights.get() is not None
-    token = _weights.set({} if is_inner else weights)
+    token = _course.set(_Course({} if _course.get() is not None else weights))
     try:
         yield
     finally:
-        _weights.reset(token)
+        _course.reset(token)
 
 
 def begin(stage: str) -> None:
-    """A stage begins: its listener, if there is one, is told the share of the stages before it."""
-    listener, weights = _listener.get(), _weights.get()
-    if listener is None or not weights:
+    """A stage begins, and those before it are done."""
+    course = _course.get()
+    if course is None or not course.weights or stage == course.stage:
         return
-    names = list(weights)
-    before = sum(weights[name] for name in names[: names.index(stage)])
-    listener(stage, before / sum(weights.values()))
+    names = list(course.weights)
+    earlier = names[: names.index(stage)] if stage in course.weights else ()
+    course.stage, course.before = stage, max(course.done, course.weight(*earlier))
+    advance(0.0)
+
+
+def advance(share: float) -> None:
+    """This share of the stage that goes on is done."""
+    course, listener = _course.get(), _listener.get()
+    if course is None or not course.weights:
+        return
+    course.done = max(course.done, course.before + share * course.weight(course.stage))
+    if listener is not None:
+        listener(course.stage, course.done)

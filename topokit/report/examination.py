@@ -24,8 +24,10 @@ from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-from topokit.report.progress import stage_bar
+from topokit.report.progress import progress_bar
 from topokit.report.verdict import is_open_sheet, lids
+
+_FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
 
 class Examination:
@@ -121,7 +123,7 @@ class Examination:
     def _witness_or_refusal(self) -> Witness | InputError:
         samples = self.samples if self._near is None else self.samples.at(self._near)
         with (
-            stage_bar(samples.n_points),
+            progress_bar([f"{samples.n_points} points"] if samples.n_points >= _FEWEST_FOR_BAR else []),
             ThreadPoolExecutor(1) as thread,
         ):  # beside the witness, which uses one processor most of the time
             measured = thread.submit(self._measure_part)

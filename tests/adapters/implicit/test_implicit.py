@@ -17,11 +17,12 @@ from torch import Tensor, nn
 import topokit as tk
 from topokit.core.grid.euler import smoothed_euler, solid_euler
 from topokit.core.grid.grid import Grid
-from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, dense_field, refine_grid
+from topokit.core.implicit.adaptive_grid import AdaptiveField, Evaluate, dense_field, grid_stages, refine_grid
 from topokit.core.implicit.convergence import convergence_study
 from topokit.core.implicit.level_set import area_weighted_starts, implicit_point, project
 from topokit.core.local.curvature import surface_curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
+from topokit.core.progress import listening, stages
 from topokit.core.samples import SurfaceSamples
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -253,19 +254,20 @@ def test_progress_is_shown_on_terminals_after_a_while(
 ) -> None:
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "100")
-    monkeypatch.setattr("topokit.adapters.implicit.progress._PATIENCE", patience)
+    monkeypatch.setattr("topokit.report.progress._PATIENCE", patience)
     monkeypatch.setattr("sys.stderr.isatty", lambda: is_terminal)
     tk.from_sdf(torus, bounds=BOX, **ROUGH).report()
-    assert ("sdf: grid of 128 cells (last: 128)" in capsys.readouterr().err) == (is_terminal and patience == 0)
+    assert ("sdf: grid of 128 cells" in capsys.readouterr().err) == (is_terminal and patience == 0)
 
 
 def test_progress_counts_the_points_of_each_grid() -> None:
-    heard: list[tuple[int, int, int]] = []
-    coarse = dense_field(torus, Grid.covering(*BOX, 64))
-    fine = refine_grid(coarse, torus, lambda grid, done, total: heard.append((grid.n_cells, done, total))).field
-    assert {n_cells for n_cells, _, _ in heard} == {128}
-    assert sum(done for _, done, total in heard if done == total) == fine.n_evaluations - coarse.n_evaluations
-    assert len(heard) > 1
+    heard: list[tuple[str, float]] = []
+    with listening(lambda stage, share: heard.append((stage, share))), stages(grid_stages(64, 128)):
+        refine_grid(dense_field(torus, Grid.covering(*BOX, 64)), torus)
+    assert list(dict(heard)) == ["grid of 64 cells", "grid of 128 cells"]
+    shares = [share for _, share in heard]
+    assert (shares[0], shares[-1], shares) == (0, 1, sorted(shares))
+    assert len(heard) > 6, "several calls on each grid"
 
 
 def test_half_precision_is_noted() -> None:

@@ -41,7 +41,6 @@ SDF = Adapter(
     runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_sdf",
     is_large=is_fine,
-    shows_progress=True,
 )
 OCCUPANCY = Adapter(
     name="occupancy",
@@ -51,5 +50,4 @@ OCCUPANCY = Adapter(
     runs_code=_SENTENCE,
     opener="topokit.adapters.implicit.adapter:from_occupancy",
     is_large=is_fine,
-    shows_progress=True,
 )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 
 import torch
 from torch import Tensor
 
 from topokit.adapters.implicit.function import LevelFunction, uncompiled
-from topokit.adapters.implicit.progress import progress_bar
 from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
@@ -17,8 +18,8 @@ from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
 from topokit.core.implicit.adaptive_grid import (
     AdaptiveField,
-    Progress,
     dense_field,
+    grid_stages,
     refine_grid,
     refined_everywhere,
 )
@@ -34,10 +35,12 @@ from topokit.core.implicit.level_set import (
     project,
 )
 from topokit.core.implicit.unseen import carries_distance
+from topokit.core.progress import stages
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, Option
 from topokit.report.function import function_answer
+from topokit.report.progress import progress_bar
 from topokit.report.report import CountedAnswer
 
 Bounds = tuple[Corner, Corner]
@@ -99,10 +102,10 @@ class ImplicitSurface:
 
     def _projected_points(self) -> tuple[Tensor, Tensor]:
         """Points on the zero set, and the grid's normals there; points whose projection fails are drawn again."""
-        with progress_bar(self.function.name, 2 * COARSEST) as progress:
-            field = self._coarsest_field(progress)
+        with self._shown(2 * COARSEST):
+            field = self._coarsest_field()
             if field.grid.n_cells < 2 * COARSEST:
-                field = refine_grid(field, self.function.without_graph, progress).field
+                field = refine_grid(field, self.function.without_graph).field
         generator = torch.Generator().manual_seed(self.seed)
         kept: list[tuple[Tensor, Tensor]] = []
         missing = self.n_samples
@@ -138,9 +141,9 @@ class ImplicitSurface:
             InputError: as for `samples`.
         """
         started = time.perf_counter()
-        with progress_bar(self.function.name, self.resolution) as progress:
-            coarsest = self._coarsest_field(progress)
-            study = convergence_study(coarsest, self.function.without_graph, self.resolution, progress, self.blocks)
+        with self._shown(self.resolution):
+            coarsest = self._coarsest_field()
+            study = convergence_study(coarsest, self.function.without_graph, self.resolution, self.blocks)
         self._n_cells = study.shown.n_cells
         components = self._components(study)
         has_distance = carries_distance(coarsest.values)
@@ -168,21 +171,27 @@ class ImplicitSurface:
                 f"the surface of {self.function.name} is seen only on a grid of {self._n_cells} cells, and triangles "
                 f"are made on at most {_MOST_CELLS}: pass bounds around a part of it."
             )
-        with progress_bar(self.function.name, self._n_cells or COARSEST) as progress:
-            field = self._coarsest_field(progress)
+        with self._shown(self._n_cells or COARSEST):
+            field = self._coarsest_field()
             while field.grid.n_cells != self._n_cells:
-                field = refine_grid(field, self.function.without_graph, progress).field
+                field = refine_grid(field, self.function.without_graph).field
         locate = partial(edge_crossings, self.function.without_graph)
         return level_surface(field.values, field.grid, DEFAULT_CONNECTIVITY, locate)
 
-    def _coarsest_field(self, progress: Progress) -> AdaptiveField:
+    @contextmanager
+    def _shown(self, finest: int) -> Iterator[None]:
+        """A block that evaluates grids up to so many cells, with a bar where that takes long."""
+        with progress_bar([self.function.name]), stages(grid_stages(COARSEST, finest)):
+            yield
+
+    def _coarsest_field(self) -> AdaptiveField:
         """The field on the coarsest grid, evaluated at every vertex, once: a finer one for steep occupancies."""
         if self._coarsest is None:
             grid = Grid.covering(*self.bounds, COARSEST // 2).refined()  # an even number of cells along each axis
-            field = dense_field(self.function.without_graph, grid, progress)
+            field = dense_field(self.function.without_graph, grid)
             _check_signs(field.values, self.function, self.bounds)
             if not carries_distance(field.values):
-                field = refined_everywhere(field, self.function.without_graph, progress)
+                field = refined_everywhere(field, self.function.without_graph)
             self._coarsest = field
         return self._coarsest
 

@@ -15,16 +15,15 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.grid import Grid
+from topokit.core.progress import advance, begin, stages
 
 Evaluate = Callable[[Tensor], Tensor]
-Progress = Callable[[Grid, int, int], None]
-"""Told after each block: the grid, the points (or blocks of the grid) done so far, and those to do."""
-
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """First and last + 1 vertex along each axis."""
 
 _NEAR = 1.0  # a cell is near the zero set when |F| is within this many of its own changes from corner to corner
 _CHUNK = 1 << 16  # points per call of the field
+_NEAR_CELLS = 20.0  # evaluations near a surface for each square cell of a side of its box, about
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,34 +86,48 @@ NONE = torch.zeros(0, dtype=torch.int64)
 """No vertices."""
 
 
-def no_progress(grid: Grid, done: int, total: int) -> None:
-    """A `Progress` that shows nothing."""
+def grid_stages(coarsest: int, finest: int) -> dict[str, float]:
+    """The stages of a field's evaluation on grids of twice, four times, ... the cells, by the number of evaluations.
+
+    Args:
+        coarsest: cells along the longest axis of the first grid, which is evaluated at every vertex.
+        finest: the most cells of the last.
+    """
+    weights, n_cells = {stage_of(coarsest): float(coarsest**3)}, 2 * coarsest
+    while n_cells <= finest:
+        weights[stage_of(n_cells)] = _NEAR_CELLS * n_cells**2
+        n_cells *= 2
+    return weights
 
 
-def dense_field(evaluate: Evaluate, grid: Grid, progress: Progress = no_progress) -> AdaptiveField:
+def stage_of(n_cells: int) -> str:
+    """The name of the stage in which a grid is evaluated."""
+    return f"grid of {n_cells} cells"
+
+
+def dense_field(evaluate: Evaluate, grid: Grid) -> AdaptiveField:
     """Evaluate a field at every vertex of a grid.
 
     Args:
         evaluate: maps (N, 3) float64 positions to (N,) values, positive inside; called with bounded N.
         grid: where to evaluate.
-        progress: told how many points are evaluated.
     """
-    values = _evaluate_at(grid, evaluate, torch.arange(grid.n_vertices), torch.get_default_dtype(), progress)
+    values = _evaluate_at(grid, evaluate, torch.arange(grid.n_vertices), torch.get_default_dtype())
     known = torch.ones(grid.shape, dtype=torch.bool)
     return AdaptiveField(grid, values.reshape(grid.shape), known, grid.n_vertices)
 
 
-def refined_everywhere(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> AdaptiveField:
+def refined_everywhere(field: AdaptiveField, evaluate: Evaluate) -> AdaptiveField:
     """The field at every vertex of the grid of half the step; arguments as for `refine_grid`."""
     n_x, n_y, n_z = field.grid.refined().shape
     fine, _ = _upsample(field, ((0, n_x), (0, n_y), (0, n_z)))
     index = (~fine.known).reshape(-1).nonzero()[:, 0]
-    fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, index, fine.values.dtype, progress)
+    fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, index, fine.values.dtype)
     fine.known.fill_(True)
     return replace(fine, n_evaluations=field.n_evaluations + len(index))
 
 
-def refine_grid(field: AdaptiveField, evaluate: Evaluate, progress: Progress = no_progress) -> Refined:
+def refine_grid(field: AdaptiveField, evaluate: Evaluate) -> Refined:
     """Halve the grid's step; evaluate only in cells near the zero set, and follow the zero set where it leads.
 
     A cell is near when the field changes its sign in it, or would within one more step of the change from corner to
@@ -125,10 +138,9 @@ def refine_grid(field: AdaptiveField, evaluate: Evaluate, progress: Progress = n
     Args:
         field: values on the coarser grid.
         evaluate: as for `dense_field`.
-        progress: told how many points are evaluated.
     """
     n_x, n_y, n_z = field.grid.refined().shape
-    return _refine(field, ((0, n_x), (0, n_y), (0, n_z)), evaluate, NONE, progress)
+    return _refine(field, ((0, n_x), (0, n_y), (0, n_z)), evaluate, NONE)
 
 
 def refine_in_box(
@@ -161,7 +173,8 @@ def refine_in_box(
         values = refined.field.values
         if not may_follow and not _near_cells(values).any() and not (values.abs() <= window).any():
             return bool(values[0, 0, 0] > 0)
-        refined = _refine(refined.field, boxes.pop(), evaluate, known, no_progress)
+        with stages({}):  # a box is a part of a stage
+            refined = _refine(refined.field, boxes.pop(), evaluate, known)
     return refined
 
 
@@ -171,7 +184,7 @@ def _needed(box: Box, shape: tuple[int, int, int]) -> Box:
     return x, y, z
 
 
-def _refine(field: AdaptiveField, box: Box, evaluate: Evaluate, known: Tensor, progress: Progress) -> Refined:
+def _refine(field: AdaptiveField, box: Box, evaluate: Evaluate, known: Tensor) -> Refined:
     fine, seeds = _upsample(field, box)
     copies, before = fine.values > 0, fine.known.clone()
     wanted = seeds.clone()
@@ -179,7 +192,7 @@ def _refine(field: AdaptiveField, box: Box, evaluate: Evaluate, known: Tensor, p
     n_evaluations = 0
     while len(index := (wanted & ~fine.known).reshape(-1).nonzero()[:, 0]):
         on_grid = fine.flat_on_grid(index)
-        fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, on_grid, fine.values.dtype, progress)
+        fine.values.view(-1)[index] = _evaluate_at(fine.grid, evaluate, on_grid, fine.values.dtype)
         fine.known.view(-1)[index] = True
         n_evaluations += len(index)
         inside = fine.values > 0
@@ -189,13 +202,14 @@ def _refine(field: AdaptiveField, box: Box, evaluate: Evaluate, known: Tensor, p
     return Refined(done, fine.flat_on_grid(followed))
 
 
-def _evaluate_at(grid: Grid, evaluate: Evaluate, index: Tensor, dtype: torch.dtype, progress: Progress) -> Tensor:
+def _evaluate_at(grid: Grid, evaluate: Evaluate, index: Tensor, dtype: torch.dtype) -> Tensor:
     """Values (N,) on the CPU at vertices given by their flat index (N,)."""
     values = torch.empty(len(index), dtype=dtype)
+    begin(stage_of(grid.n_cells))
     for start in range(0, len(index), _CHUNK):
         rows = slice(start, start + _CHUNK)
         values[rows] = evaluate(grid.positions(index[rows])).to("cpu", dtype)
-        progress(grid, min(start + _CHUNK, len(index)), len(index))
+        advance(min(1.0, (start + _CHUNK) / len(index)))
     return values
 
 

@@ -22,9 +22,8 @@ from topokit.core.implicit.adaptive_grid import (
     AdaptiveField,
     Box,
     Evaluate,
-    Progress,
-    no_progress,
     refine_in_box,
+    stage_of,
 )
 from topokit.core.implicit.box_counts import (
     BoxCounts,
@@ -34,6 +33,7 @@ from topokit.core.implicit.box_counts import (
     eulers_at,
     median_change,
 )
+from topokit.core.progress import advance, begin
 
 MOST_VERTICES = 1 << 21  # in a box: small ones are more often far from the surface; smaller ones repeat more
 _SPARE = 1.05  # factor on the change expected over a cell, from the coarser grid, up to which values are looked at
@@ -145,7 +145,6 @@ def next_grid(
     blocks: Blocks,
     expected: float,
     largest_shift: float,
-    progress: Progress = no_progress,
     is_last: bool = False,
 ) -> GridInBoxes:
     """The grid of half the step of the finest one, evaluated box by box.
@@ -155,13 +154,12 @@ def next_grid(
         blocks: how to divide it.
         expected: the change along edges that cross the zero set, at most; with more than that all is done again.
         largest_shift: the largest |shift| that `eulers_at_shifts` will be asked for; 0 for none.
-        progress: told how many boxes are done.
         is_last: whether to find lone vertices, too.
     """
     grid, n_evaluations = known.grid.refined(), 0
     while True:
         window = _SPARE * largest_shift * expected
-        found, n_more = _all_boxes(_Work(known, window, is_last), grid, blocks, progress)
+        found, n_more = _all_boxes(_Work(known, window, is_last), grid, blocks)
         n_evaluations += n_more
         change = median_change(found)
         if change is None or change <= expected or not largest_shift:
@@ -170,18 +168,19 @@ def next_grid(
         expected = change
 
 
-def _all_boxes(work: _Work, grid: Grid, blocks: Blocks, progress: Progress) -> tuple[list[BoxCounts], int]:
+def _all_boxes(work: _Work, grid: Grid, blocks: Blocks) -> tuple[list[BoxCounts], int]:
     """The counts of all boxes once they agree on where the zero set leads, and the evaluations that this took."""
     tasks = [_Task(box) for box in Division.even(grid.shape, blocks.most_vertices).boxes]
     found: dict[int, BoxCounts] = {}
     left, n_evaluations = list(range(len(tasks))), 0
+    begin(stage_of(grid.n_cells))
     while left:
         n_done = len(tasks) - len(left)
         for number, counts in zip(left, mapped(work, [tasks[n] for n in left], blocks.client), strict=True):
             found[number] = counts
             n_evaluations += counts.n_evaluations
             n_done += 1
-            progress(grid, n_done, len(tasks))
+            advance(n_done / len(tasks))
         followed = torch.cat([one.followed for one in found.values()]).unique()
         left = []
         for number, task in enumerate(tasks if len(followed) else ()):

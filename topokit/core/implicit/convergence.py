@@ -12,7 +12,7 @@ from torch import Tensor
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import median_step_at_crossings
 from topokit.core.grid.grid import Grid
-from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, Progress, no_progress, refine_grid
+from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, refine_grid
 from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
 from topokit.core.implicit.box_counts import ReachedFaces, rounded, value_of
 from topokit.core.implicit.unseen import count_unseen, lone_vertices
@@ -113,7 +113,6 @@ def convergence_study(
     coarsest: AdaptiveField,
     evaluate: Evaluate,
     finest: int,
-    progress: Progress = no_progress,
     blocks: Blocks = ONE_BY_ONE,
     kept_cells: int | None = None,
 ) -> ConvergenceStudy:
@@ -130,12 +129,11 @@ def convergence_study(
         coarsest: the field at every vertex of the first grid, with an even number of cells along each axis.
         evaluate: the field, as for `refine_grid`.
         finest: no grid gets more cells than this along its longest axis.
-        progress: told how many points of each grid are evaluated.
         blocks: how grids that are not kept are divided.
         kept_cells: cells along the longest axis up to which grids are evaluated as a whole and kept, 256 by default;
             which ones are changes no count.
     """
-    found = list(_grids(coarsest, evaluate, finest, progress, blocks, kept_cells or _KEPT_CELLS))
+    found = list(_grids(coarsest, evaluate, finest, blocks, kept_cells or _KEPT_CELLS))
     counts = [*_coarser_counts(coarsest, _SUCCESSIVE - len(found)), *(one.count for one in found)]
     shifted = [euler for one in found for euler in one.shifted]
     euler = _most_frequent(counts)
@@ -172,7 +170,7 @@ def reached_faces(values: Tensor) -> ReachedFaces:
 
 
 def _grids(
-    field: AdaptiveField, evaluate: Evaluate, finest: int, progress: Progress, blocks: Blocks, kept_cells: int
+    field: AdaptiveField, evaluate: Evaluate, finest: int, blocks: Blocks, kept_cells: int
 ) -> Iterator[_Counted]:
     """What is found on each grid, coarsest first."""
     known, n_before = Refinements(field, evaluate), 0
@@ -189,21 +187,19 @@ def _grids(
         if 2 * field.grid.n_cells > kept_cells:
             break
         n_before = field.n_evaluations
-        field, followed = refine_grid(field, evaluate, progress)
+        field, followed = refine_grid(field, evaluate)
         known = replace(known, followed=(*known.followed, followed))
     if blocks.client is None:  # nothing is sent, so boxes may begin with the finest grid
         known = Refinements(field, evaluate)
-    yield from _grids_in_boxes(known, change, finest, progress, blocks)
+    yield from _grids_in_boxes(known, change, finest, blocks)
 
 
-def _grids_in_boxes(
-    known: Refinements, change: float, finest: int, progress: Progress, blocks: Blocks
-) -> Iterator[_Counted]:
+def _grids_in_boxes(known: Refinements, change: float, finest: int, blocks: Blocks) -> Iterator[_Counted]:
     """What is found on each grid after the finest known one, given the field's typical change over a cell of that."""
     while 2 * known.grid.n_cells <= finest:
         shifts = _SHIFTS if 2 * known.grid.n_cells > finest // 4 else ()
         is_last = 4 * known.grid.n_cells > finest
-        found = next_grid(known, blocks, change, max(shifts, default=0.0), progress, is_last)
+        found = next_grid(known, blocks, change, max(shifts, default=0.0), is_last)
         known, change = found.known, change if found.change is None else found.change
         shifted = found.eulers_at_shifts(shifts)
         yield _Counted(

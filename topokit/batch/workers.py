@@ -11,8 +11,7 @@ from typing import Any, TypeVar
 
 from topokit.batch.examine import Answer, Questions, examine, failure
 from topokit.batch.limits import NO_LIMITS, Limits
-from topokit.batch.own_process import call_in_own_process
-from topokit.batch.processes import map_in_processes
+from topokit.batch.processes import call_in_own_process, map_in_processes
 from topokit.batch.sources import Source
 from topokit.core.processors import n_cores
 from topokit.core.progress import ignore, listening

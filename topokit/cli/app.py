@@ -21,19 +21,24 @@ from topokit.batch.names import distinguishing_names, name_as_data
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
-from topokit.cli.forms import takes_form
-from topokit.cli.handles import handles
 from topokit.cli.options import Opener, described_options, opens_files
-from topokit.cli.picture import picture
-from topokit.cli.request import Format, Request, examines_files
-from topokit.cli.single import convert
-from topokit.cli.writers import CsvWriter, Form, JsonLinesWriter, JsonWriter, TableWriter, TextWriter, Writer
+from topokit.cli.request import Request, examines_files
+from topokit.cli.single import curvature, handles, picture
+from topokit.cli.writers import (
+    CsvWriter,
+    Form,
+    JsonLinesWriter,
+    JsonWriter,
+    TableWriter,
+    TextWriter,
+    Writer,
+    takes_form,
+)
 from topokit.errors import AdapterWarning
 from topokit.text import make_logs_printable, printable, printable_lines
 
 if TYPE_CHECKING:
     from topokit.report.report import TopologyReport
-    from topokit.shape import Shape
 
 app = typer.Typer(
     cls=PrintableErrors,
@@ -45,7 +50,6 @@ app = typer.Typer(
 
 _WHAT = "Files, folders, patterns such as 'parts/**/*.stl', addresses as https://…, or - for standard input."
 Files = Annotated[list[str], typer.Argument(help=_WHAT, metavar="FILE...")]
-Quantity = Literal["gaussian", "mean", "total"]
 
 
 def _print_version(wanted: bool) -> None:
@@ -189,26 +193,8 @@ def _print_number(
     answer_files(files, opener, request, writer, check=check)
 
 
-@app.command()
-@opens_files
-def curvature(
-    file: Annotated[str, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
-    opener: Opener,
-    format: Format = None,
-    color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
-) -> None:
-    """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
-
-    def write(shape: Shape) -> str:
-        n_written = shape.save_ply(output, color_by)
-        return f"{n_written} points with gaussian, mean, total, k_min, k_max and area"
-
-    convert(file, output, format, opener, write)
-
-
-app.command()(picture)
-app.command()(handles)
+for command in (curvature, picture, handles):
+    app.command()(command)
 
 
 @app.command()

@@ -1,24 +1,103 @@
-"""Commands about one file: what is said of it, or made of it."""
+"""The commands about one file: its curvature, a picture of it, its handles."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from topokit.cli.answers import say
-from topokit.cli.options import Opener
-from topokit.cli.request import is_same, sources_of
+from topokit.cli.options import Opener, opens_files
+from topokit.cli.request import Format, is_same, sources_of
 from topokit.errors import InputError, TopokitError
-from topokit.text import printable
+from topokit.inputs.writing import completed_file
+from topokit.text import json_text, printable
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
+Quantity = Literal["gaussian", "mean", "total"]
+_SHAPE = typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")
+_SUFFIXES = (".png", ".webp", ".jpg", ".jpeg")
 
-def convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
+
+@opens_files
+def curvature(
+    file: Annotated[str, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
+    opener: Opener,
+    format: Format = None,
+    color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
+) -> None:
+    """Write curvatures as colors and scalar fields of a PLY file (a mesh stays a mesh)."""
+
+    def write(shape: Shape) -> str:
+        n_written = shape.save_ply(output, color_by)
+        return f"{n_written} points with gaussian, mean, total, k_min, k_max and area"
+
+    _convert(file, output, format, opener, write)
+
+
+@opens_files
+def picture(
+    file: Annotated[str, _SHAPE],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Picture to write (.png, .webp or .jpg).")],
+    opener: Opener,
+    format: Format = None,
+    side: Annotated[int, typer.Option("--side", min=16, max=4096, help="Pixels along the square.")] = 600,
+    eye: Annotated[
+        tuple[float, float, float], typer.Option("--eye", help="Direction from the shape to the viewer; z is up.")
+    ] = (0.9, -1.3, 1.0),
+    locate: Annotated[bool, typer.Option("--locate", help="Draw handles, boundaries and defects as lines.")] = False,
+) -> None:
+    """Draw a file, colored by Gaussian curvature; no display is needed."""
+
+    def write(shape: Shape) -> str:
+        drawn = shape.picture(side, eye=eye, locate=locate)
+        with completed_file(output) as unfinished:
+            drawn.save(unfinished)
+        return f"{side} x {side} pixels"
+
+    if output.suffix.lower() not in _SUFFIXES:
+        raise typer.BadParameter(f"-o {output}: a picture must be called {', '.join(_SUFFIXES)}.")
+    if not output.parent.is_dir():
+        raise typer.BadParameter(f"-o {output}: the folder {output.parent} does not exist.")
+    _convert(file, output, format, opener, write)
+
+
+@opens_files
+def handles(
+    file: Annotated[str, _SHAPE],
+    opener: Opener,
+    format: Format = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Loops to write as lines (.ply or .glb).")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON array with an object per handle.")] = False,
+) -> None:
+    """One line per handle, smallest first: lengths around the handle and around the tunnel, and the center (tabs)."""
+
+    def answer(shape: Shape) -> str:
+        from topokit.export.loops import save_loops
+        from topokit.report.location import Location
+        from topokit.report.report import plain
+        from topokit.shape.locate import located_handles
+
+        found = located_handles(shape.handles())
+        if output is not None:
+            save_loops(Location(found, (), (), ()), output)
+        rows = plain(found)
+        if as_json:
+            return json_text(rows, indent=2)
+        numbers = ((row["handle_length"], row["tunnel_length"], *row["center"]) for row in rows)
+        return "\n".join("\t".join(f"{number:.6g}" for number in line) for line in numbers)
+
+    _ask(file, format, opener, answer, output)
+
+
+def _convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
     """Open a file, write what is made of its shape, and say so; exit code 1 if that fails.
 
     Args:
@@ -28,10 +107,10 @@ def convert(file: str, output: Path, format: str | None, opener: Opener, write: 
         opener: opens the file.
         write: writes the output, and returns what to say about it.
     """
-    ask(file, format, opener, lambda shape: f"{printable(str(output))}: {write(shape)}", output)
+    _ask(file, format, opener, lambda shape: f"{printable(str(output))}: {write(shape)}", output)
 
 
-def ask(
+def _ask(
     file: str, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
 ) -> None:
     """Open a file and print what is found out about its shape; exit code 1 if that fails.

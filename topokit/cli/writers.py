@@ -1,18 +1,29 @@
-"""The forms of results: texts, a table, JSON, JSON lines or CSV, each written as soon as it is known."""
+"""The forms of results, with an option for each: texts, a table, JSON, JSON lines or CSV, written as they are known."""
 
 from __future__ import annotations
 
 import csv
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Literal, Protocol, TextIO
+from typing import Annotated, Any, Literal, TextIO
+
+import typer
 
 from topokit.batch.examine import COLUMNS, Answer, Row
 from topokit.batch.names import name_as_data
+from topokit.cli.bundle import Command, bundled
 from topokit.cli.encoding import carries_all
 from topokit.text import json_text, printable
 
 Form = Literal["text", "table", "json", "jsonl", "csv"]
+_HELP: dict[Form, str] = {
+    "text": "The whole report of every shape.",
+    "table": "One aligned row per shape; the default on a terminal if there are several.",
+    "json": "One JSON array, an object per shape.",
+    "jsonl": "One JSON object per line.",
+    "csv": "Comma-separated values, a line per shape.",
+}
 Record = Callable[[Answer], Mapping[str, Any]]  # an answer as an object for JSON
 Text = Callable[[Answer], str]
 
@@ -20,26 +31,25 @@ Text = Callable[[Answer], str]
 _FORMULA = re.compile("(^|;)(?=[=+@\uff1d\uff0b\uff0d\uff20-].)")
 
 
-class Writer(Protocol):
+class Writer(ABC):
     """Writes answers to a stream.
 
     Attributes:
         is_ordered: whether it is to be given the answers in the order of the files, instead of as they are known.
     """
 
-    is_ordered: bool
+    is_ordered = True
 
+    @abstractmethod
     def write(self, answer: Answer) -> None:
         """Write one answer."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027  (most forms have no end)
         """Write what comes after the last one."""
 
 
-class TextWriter:
+class TextWriter(Writer):
     """Texts of the shapes that could be examined."""
-
-    is_ordered = True
 
     def __init__(self, stream: TextIO, text: Text) -> None:
         self._stream, self._text = stream, text
@@ -49,14 +59,9 @@ class TextWriter:
         if answer.error is None:
             print(self._text(answer), file=self._stream, flush=True)
 
-    def close(self) -> None:
-        """See `Writer`."""
 
-
-class TableWriter:
+class TableWriter(Writer):
     """Aligned rows."""
-
-    is_ordered = True
 
     def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
         from topokit.cli.table import Table
@@ -67,14 +72,9 @@ class TableWriter:
         """See `Writer`."""
         self._table.write(answer.row)
 
-    def close(self) -> None:
-        """See `Writer`."""
 
-
-class JsonWriter:
+class JsonWriter(Writer):
     """One array, written element by element: it is complete even after an interrupt."""
-
-    is_ordered = True
 
     def __init__(self, stream: TextIO, record: Record) -> None:
         self._stream, self._record = stream, record
@@ -95,7 +95,7 @@ class JsonWriter:
         self._stream.flush()
 
 
-class JsonLinesWriter:
+class JsonLinesWriter(Writer):
     """One object per line."""
 
     is_ordered = False
@@ -107,14 +107,9 @@ class JsonLinesWriter:
         """See `Writer`."""
         print(_json(self._record(answer), self._stream), file=self._stream, flush=True)
 
-    def close(self) -> None:
-        """See `Writer`."""
 
-
-class CsvWriter:
+class CsvWriter(Writer):
     """One line per shape below a line with the names of the columns."""
-
-    is_ordered = True
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -125,9 +120,6 @@ class CsvWriter:
         """See `Writer`."""
         self._writer.writerow(_cells(answer.row))
         self._stream.flush()
-
-    def close(self) -> None:
-        """See `Writer`."""
 
 
 def _json(record: Mapping[str, Any], stream: TextIO, indent: int | None = None) -> str:
@@ -143,3 +135,18 @@ def _cells(row: Row) -> dict[str, Any]:
 
 def _is_cell(name: str) -> bool:
     return printable(name) == name and not _FORMULA.search(name)
+
+
+def takes_form(*forms: Form) -> Callable[[Command], Command]:
+    """A decorator that gives a command the options of these forms; the one that is given is its argument `form`."""
+    options: dict[str, Any] = {
+        form: Annotated[bool | None, typer.Option(f"--{form}", help=_HELP[form])] for form in forms
+    }
+
+    def chosen(**given: bool | None) -> Form | None:
+        wanted = [form for form in forms if given[form]]
+        if len(wanted) > 1:
+            raise typer.BadParameter(f"{' and '.join(f'--{form}' for form in wanted)} exclude each other.")
+        return wanted[0] if wanted else None
+
+    return bundled("form", options, chosen)

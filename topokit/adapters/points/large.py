@@ -13,6 +13,7 @@ import torch
 
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
+from topokit.core.blocks.reduction import RETRIES
 from topokit.core.cloud.cells import Cells, joined
 from topokit.core.cloud.dense import MOST_DENSE
 from topokit.core.cloud.reduced import ReducedCloud, reduced
@@ -36,7 +37,6 @@ FEW = 0.01
 
 _WORTH_SAYING = 1e-3  # share of points without others around them; corners of cells hold as many of any surface
 _PER_TASK = 4  # blocks that a worker reduces before it hands on what it found
-_RETRIES = 2  # of a task that failed; a worker that dies costs others, which `distributed` counts itself
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class BlockReader:
         parts: list[Any] = [work(blocks[at : at + _PER_TASK]) for at in range(0, len(blocks), _PER_TASK)]
         while len(parts) > 1:
             parts = [joining(parts[at : at + 2]) for at in range(0, len(parts), 2)]
-        found: Found = client.compute(parts[0], retries=_RETRIES).result()
+        found: Found = client.compute(parts[0], retries=RETRIES).result()
         return found
 
     def read(self, blocks: Sequence[Block]) -> Found:

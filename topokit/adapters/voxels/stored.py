@@ -1,6 +1,8 @@
 """Volumes that stay where they are stored, and are read box by box: zarr, HDF5, memory maps, Dask arrays, and the like.
 
-All of these can be sent to other processes, which then read for themselves.
+All of these can be sent to other processes, which then read for themselves. A Dask array around each of them would not
+do: it goes through the graph of all chunks for every box, which takes 0.3 s for 2048³ voxels in chunks of 64³ and 1.6 s
+for 8192³, instead of milliseconds.
 """
 
 from __future__ import annotations

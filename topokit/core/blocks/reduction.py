@@ -11,7 +11,7 @@ Found = TypeVar("Found")
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-_RETRIES = 2  # of the work on a block that failed; a worker that dies costs others, which `distributed` counts itself
+RETRIES = 2  # of the work on a block that failed; a worker that dies costs others, which `distributed` counts itself
 
 
 def reduced(
@@ -38,7 +38,7 @@ def reduced(
 
     held, call, joining = delayed(count, traverse=False), delayed(_called, pure=False), delayed(join, pure=False)
     whole = division.reduce(lambda box: call(held, source(box), box), joining)
-    found: Found = client.compute(delayed(finish, pure=False)(whole), retries=_RETRIES).result()
+    found: Found = client.compute(delayed(finish, pure=False)(whole), retries=RETRIES).result()
     return found
 
 
@@ -56,7 +56,7 @@ def mapped(work: Callable[[Task], Result], tasks: Sequence[Task], client: Any) -
     from dask import delayed
 
     held, call = delayed(work, traverse=False), delayed(_called, pure=False)
-    for future in client.compute([call(held, task) for task in tasks], retries=_RETRIES):
+    for future in client.compute([call(held, task) for task in tasks], retries=RETRIES):
         yield future.result()
 
 

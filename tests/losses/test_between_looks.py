@@ -18,7 +18,7 @@ from topokit.core.grid.winding_field import regularize, winding_field
 from topokit.errors import InputError
 from topokit.losses import SearchOptions
 from topokit.losses.field_loss import FieldLoss
-from topokit.losses.known_values import KnownValues
+from topokit.losses.memory import KnownValues
 from topokit.testing import as_on_accelerator, count_host_visits, sphere_samples, torus_samples
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -152,8 +152,8 @@ def test_the_topology_loss_evaluates_near_the_level_and_where_voxels_decide_what
     ring.bump.data.fill_(0.7)
     near, whole = (tk.TopologyLoss(genus=1, change="remove") for _ in range(2))
     for step in range(5):
-        for known in whole.tracker._values:
-            known._known = None  # so that all is evaluated
+        for look in whole.tracker._looks:
+            look.known._known = None  # so that all is evaluated
         expected = whole(ring.shape(), 0.5)
         shape = ring.shape()
         ring.n_points = 0

@@ -13,8 +13,7 @@ from analytic_fields import ball, block, grid, torus, union
 from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.field import GridField
 from topokit.losses import guard as module
-from topokit.losses.component_guard import ComponentGuard
-from topokit.losses.guard import DecisiveVoxels, Guard, margin_loss
+from topokit.losses.guard import ComponentGuard, DecisiveVoxels, Guard, margin_loss
 
 P = grid(20)
 TORUS = torus(P, 0.5, 0.25).numpy()

@@ -121,22 +121,20 @@ def test_the_state_of_an_unused_loss_can_be_loaded() -> None:
 def test_the_state_of_another_goal_is_refused() -> None:
     with pytest.raises(InputError) as caught:
         tk.TopologyLoss(genus=1, change="add").load_state_dict(closing().state_dict())
-    assert str(caught.value) == (
-        "the state is that of a TopologyLoss for Betti numbers, by component, and change ((1, 0, 0), (), 'any'); this "
-        "one is for ((1, 1, 0), (), 'add'). Make the loss with the same goal, or leave its state out."
-    )
+    assert "((1, 0, 0), (), 'any')" in str(caught.value)
+    assert "((1, 1, 0), (), 'add')" in str(caught.value)
 
 
-def test_guards_are_kept_for_a_grid_and_forgotten_for_another() -> None:
+def test_looks_are_kept_for_a_grid_and_forgotten_for_another() -> None:
     loss = tk.TopologyLoss(genus=0)
     loss(TORUS, 0.05)
-    known = loss.tracker._guards[0]
+    known = loss.tracker._looks[0]
     loss(TORUS + 0.01, 0.05)
-    assert loss.tracker._guards[0] is known
+    assert loss.tracker._looks[0] is known
     other = torus(grid(16), 0.5, 0.25)
     assert loss(other, 0.05) == tk.topology_loss(other, 0, 0.05)
-    assert loss.tracker._guards[0] is not known
+    assert loss.tracker._looks[0] is not known
     loss(torch.stack([TORUS, -TORUS]), 0.05)
-    assert len(loss.tracker._guards) == 2
+    assert len(loss.tracker._looks) == 2
     loss.reset()
-    assert loss.tracker._guards == []
+    assert loss.tracker._looks == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+from functools import partial
 
 import torch
 from torch import Tensor
@@ -10,10 +10,9 @@ from torch import Tensor
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, smoothed_euler
 from topokit.core.grid.field import Field
 from topokit.losses.checks import check_finite, check_tau
-from topokit.losses.critical_tracker import CriticalTracker
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.source import Source, plain_field
-from topokit.losses.tracker import SearchOptions, checked_search
+from topokit.losses.tracker import CriticalLook, SearchOptions, Tracker, checked_search
 
 
 class EulerLoss(FieldLoss):
@@ -57,7 +56,9 @@ class EulerLoss(FieldLoss):
         check_finite("target", target)
         super().__init__(level, connectivity, resolution, reduction)
         self.target = float(target)
-        self.tracker = CriticalTracker(checked_search(search)) if search is not None else None
+        self.tracker: Tracker | None = None
+        if search is not None:
+            self.tracker = Tracker(checked_search(search), partial(CriticalLook, search.search_every))
 
     def forward(self, source: Source, tau: float | None = None) -> Tensor:
         """The loss.
@@ -92,7 +93,8 @@ class EulerLoss(FieldLoss):
 
     def _smoothed_euler(self, field: Field, tau: float | None) -> Tensor:
         if self.tracker is not None and field.is_costly:
-            return cast(Tensor, self.tracker(field, tau))
+            [((vertices, index), tau)] = self.tracker([field], tau)
+            return field.weighted_sum(vertices, index, tau)
         return field.smoothed_euler(tau)
 
 

@@ -5,21 +5,58 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
-from topokit.core.homotopy.nearest_solid import Change
-from topokit.losses.checks import check_choice, check_tau
+from topokit.core.homotopy.nearest_solid import Betti, Change
+from topokit.errors import InputError
+from topokit.losses.checks import check_choice, check_count, check_tau
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
-from topokit.losses.goal import Goal
-from topokit.losses.guard import margin_loss
+from topokit.losses.guard import ComponentGuard, Guard, margin_loss
 from topokit.losses.source import Source
-from topokit.losses.tracker import SearchOptions, SolidTracker, checked_search
+from topokit.losses.tracker import SearchOptions, SolidLook, Tracker, checked_search
 
 DEFAULT_SEARCH = SearchOptions()
+
+
+@dataclass(frozen=True)
+class Goal:
+    """Betti numbers of a solid, or of each of its components.
+
+    Attributes:
+        betti: components, tunnels and cavities of the whole solid.
+        by_component: Betti numbers of each component, the largest component first; empty if only `betti` matters.
+    """
+
+    betti: Betti
+    by_component: tuple[Betti, ...] = ()
+
+    @classmethod
+    def of(cls, genus: int | Sequence[int], components: int, cavities: int) -> Goal:
+        """The goal with these numbers; the arguments are those of `TopologyLoss`.
+
+        Raises:
+            InputError: if a number is not an integer or too small, or a sequence of genera contradicts the others.
+        """
+        check_count("components", components, 1)
+        check_count("cavities", cavities, 0)
+        genera = genus if isinstance(genus, Sequence) else (genus,)
+        for number in genera:
+            check_count("genus", number, 0)
+        if not isinstance(genus, Sequence):
+            return cls((int(components), int(genus), int(cavities)))
+        if not genera or cavities or components not in (1, len(genera)):
+            raise InputError(
+                f"a list of genera needs one genus for each component, and cavities=0; got {len(genera)} with "
+                f"components={components} and cavities={cavities}."
+            )
+        by_component = tuple((1, int(number), 0) for number in genera)
+        return cls((len(genera), sum(betti[1] for betti in by_component), 0), by_component)
 
 
 class TopologyLoss(FieldLoss):
@@ -73,7 +110,8 @@ class TopologyLoss(FieldLoss):
         check_choice("change", change, ("any", "add", "remove"))
         self.goal = Goal.of(genus, components, cavities)
         self.change: Change = change
-        self.tracker = SolidTracker(self.goal, change, checked_search(search))
+        new_look = partial(_new_look, self.goal, change, checked_search(search).search_every)
+        self.tracker = Tracker(search, new_look, (self.goal.betti, self.goal.by_component, change))
 
     def reset(self) -> None:
         """Forget the nearest solids, and the grid around samples."""
@@ -129,6 +167,13 @@ class TopologyLoss(FieldLoss):
             "change?",
             stacklevel=_caller_stacklevel(),
         )
+
+
+def _new_look(goal: Goal, change: Change, search_every: int) -> SolidLook:
+    """A look at a field of which nothing is known."""
+    if goal.by_component:
+        return SolidLook(ComponentGuard(goal.by_component, change, search_every), search_every)
+    return SolidLook(Guard(goal.betti, change, search_every), search_every)
 
 
 def _caller_stacklevel() -> int:

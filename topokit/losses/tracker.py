@@ -1,24 +1,24 @@
-"""Tracks the nearest solids of a batch of fields from call to call, as the topology loss needs them in training."""
+"""Tracks what decides about the fields of a batch from call to call, as losses need it in training."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, default_tau
 from topokit.core.grid.grid import Grid
-from topokit.core.homotopy.nearest_solid import Change, Values
+from topokit.core.homotopy.nearest_solid import Values
 from topokit.errors import InputError
 from topokit.losses.checks import check_count
-from topokit.losses.component_guard import ComponentGuard
-from topokit.losses.goal import Goal
-from topokit.losses.guard import DecisiveVoxels, Guard
-from topokit.losses.known_values import KnownValues
+from topokit.losses.guard import ComponentGuard, Guard
+from topokit.losses.memory import KnownValues, Memory
 
 
 @dataclass(frozen=True)
@@ -54,81 +54,110 @@ def checked_search(search: object) -> SearchOptions:
     return search
 
 
-class SolidTracker(nn.Module):
-    """One guard for each field of a batch, and when to show them the fields. Its memory is in the `state_dict`."""
+Found = tuple[Tensor, Tensor]
+"""Grid vertices (M, 3) that decide about a field, and a weight (M,) for each."""
 
-    def __init__(self, goal: Goal, change: Change, options: SearchOptions) -> None:
-        """Args: goal: wanted topology; change: see `nearest_solid`; options: how often to do what."""
+
+class Look(Memory, ABC):
+    """What decides about one field, as it was when the field was last looked at.
+
+    Attributes:
+        found: the deciding vertices, or None if there are none in reach; on the device of the field.
+        default_tau: the default τ of the field if the last look needed it, else None.
+    """
+
+    remembers: ClassVar[tuple[str, ...]] = ("known", "found", "default_tau")
+
+    def __init__(self, search_every: int) -> None:
+        """Args: search_every: looks from one at all values of a function to the next."""
+        self.known = KnownValues(search_every)
+        self.found: Found | None = None
+        self.default_tau: float | None = None
+
+    @abstractmethod
+    def update(self, field: Field, tau: float | None, item: str) -> None:
+        """Look at the field as it is now.
+
+        Args:
+            field: on the same grid in every call.
+            tau: scale of the levels, in units of the field; None for `default_tau`.
+            item: names the field in error messages; empty if it is the only one.
+        """
+
+    def _tau(self, values: Tensor, tau: float | None) -> float:
+        self.default_tau = default_tau(values) if tau is None else None
+        return tau or self.default_tau or 0.0
+
+
+class CriticalLook(Look):
+    """The critical vertices of a field and their index, for the Euler loss."""
+
+    def update(self, field: Field, tau: float | None, item: str) -> None:
+        """See `Look.update`."""
+        values = self.known.update(field, tau)
+        self._tau(values, tau)
+        self.found = field.critical_vertices(values)
+
+
+class SolidLook(Look):
+    """The decisive voxels of a field and their sides, for the topology loss."""
+
+    remembers = (*Look.remembers, "guard")
+
+    def __init__(self, guard: Guard | ComponentGuard, search_every: int) -> None:
+        """Args: guard: of this field; search_every: as for `Look`."""
+        super().__init__(search_every)
+        self.guard = guard
+
+    def update(self, field: Field, tau: float | None, item: str) -> None:
+        """See `Look.update`; raises InputError if the field is NaN somewhere."""
+        # not as far as τ reaches: margins end within a cell of the level, and beyond it only decisive voxels move
+        values = self.known.update(field, None, None if self.found is None else self.found[0])
+        on_host = at_least_single(values).cpu().numpy()
+        _check_numbers(on_host, item)
+        decisive = self.guard.update(on_host, self._tau(values, tau))
+        self.found = decisive and (decisive.voxels, decisive.sides)
+
+
+class Tracker(nn.Module):
+    """One look for each field of a batch, made every few calls. Its memory is in the `state_dict`."""
+
+    def __init__(self, options: SearchOptions, make_look: Callable[[], Look], goal: object = None) -> None:
+        """Args: options: how often to do what; make_look: of a new field; goal: what the looks are for."""
         super().__init__()
-        self.goal = goal
-        self.change: Change = change
-        self.options = options
+        self.options, self.goal, self._make_look = options, goal, make_look
         self.reset()
 
     def reset(self) -> None:
-        """Forget the nearest solids."""
+        """Forget everything."""
         self._start([])
 
     def _start(self, grids: list[Grid]) -> None:
-        """New guards for fields on these grids."""
+        """New looks for fields on these grids."""
         self._grids = grids
-        self._guards = [self._new_guard() for _ in grids]
-        self._values = [KnownValues(self.options.search_every) for _ in grids]
-        self._decisive: list[DecisiveVoxels | None] = []  # those of the guards, on the devices of their fields
-        self._default_taus: list[float] = []
+        self._looks = [self._make_look() for _ in grids]
         self._n_calls = 0
 
-    def _new_guard(self) -> Guard | ComponentGuard:
-        if self.goal.by_component:
-            return ComponentGuard(self.goal.by_component, self.change, self.options.search_every)
-        return Guard(self.goal.betti, self.change, self.options.search_every)
-
     @torch.compiler.disable  # type: ignore[untyped-decorator]
-    def forward(self, fields: list[Field], tau: float | None) -> list[tuple[DecisiveVoxels | None, float]]:
-        """The decisive voxels of each field, None where no wanted solid is in reach, and their margin."""
+    def forward(self, fields: list[Field], tau: float | None) -> list[tuple[Found | None, float]]:
+        """What decides about each field, and the τ to take: the given one, or the default of the field."""
         grids = [field.grid for field in fields]
         if grids != self._grids:
             self._start(grids)
-        is_due = self._n_calls % self.options.evaluate_every == 0 or (tau is None and not self._default_taus)
-        if is_due:
-            self._look(fields, tau)
-        elif not self._decisive:
-            self._keep_decisive(fields)
+        lacks_tau = tau is None and any(look.default_tau is None for look in self._looks)
+        if self._n_calls % self.options.evaluate_every == 0 or lacks_tau:
+            for number, (look, field) in enumerate(zip(self._looks, fields, strict=True)):
+                look.update(field, tau, f" of batch item {number}" if len(fields) > 1 else "")
+        for look, field in zip(self._looks, fields, strict=True):
+            look.found = look.found and (look.found[0].to(field.device), look.found[1].to(field.device))
         self._n_calls += 1  # a look that failed is still due
-        margins = self._default_taus if tau is None else [tau] * len(fields)
-        return list(zip(self._decisive, margins, strict=True))
-
-    def _look(self, fields: list[Field], tau: float | None) -> None:
-        """Show the fields to their guards."""
-        values = [
-            # not as far as τ reaches: margins end within a cell of the level, and beyond it only decisive voxels move
-            known.update(field, None, guard.decisive and guard.decisive.voxels)
-            for known, field, guard in zip(self._values, fields, self._guards, strict=True)
-        ]
-        on_host = [at_least_single(one).cpu().numpy() for one in values]
-        _check_numbers(on_host)
-        self._default_taus = [default_tau(one) for one in values] if tau is None else []
-        margins = self._default_taus if tau is None else [tau] * len(fields)
-        for guard, one, margin in zip(self._guards, on_host, margins, strict=True):
-            guard.update(one, margin)
-        self._keep_decisive(fields)
-
-    def _keep_decisive(self, fields: list[Field]) -> None:
-        self._decisive = [
-            guard.decisive and DecisiveVoxels(*(part.to(field.device) for part in guard.decisive))
-            for guard, field in zip(self._guards, fields, strict=True)
-        ]
+        return [(look.found, tau or look.default_tau or 0.0) for look in self._looks]
 
     def get_extra_state(self) -> dict[str, Any]:
         """What has been found so far, for the `state_dict`: tensors, numbers and containers only."""
-        return {
-            "goal": (self.goal.betti, self.goal.by_component, self.change),
-            "grids": [asdict(grid) for grid in self._grids],
-            "guards": [guard.get_state() for guard in self._guards],
-            "values": [known.get_state() for known in self._values],
-            "default_taus": self._default_taus,
-            "n_calls": self._n_calls,
-        }
+        looks = [look.get_state() for look in self._looks]
+        grids = [asdict(grid) for grid in self._grids]
+        return {"goal": self.goal, "grids": grids, "looks": looks, "n_calls": self._n_calls}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_extra_state` returned.
@@ -136,29 +165,24 @@ class SolidTracker(nn.Module):
         Raises:
             InputError: if the state is that of a loss with another goal.
         """
-        goal = self.goal.betti, self.goal.by_component, self.change
-        if state["goal"] != goal:
+        if state["goal"] != self.goal:
             raise InputError(
                 f"the state is that of a TopologyLoss for Betti numbers, by component, and change {state['goal']}; "
-                f"this one is for {goal}. Make the loss with the same goal, or leave its state out."
+                f"this one is for {self.goal}. Make the loss with the same goal, or leave its state out."
             )
         self._start([Grid(**grid) for grid in state["grids"]])
-        for guard, own in zip(self._guards, state["guards"], strict=True):
-            guard.set_state(own)
-        for known, its in zip(self._values, state["values"], strict=True):
-            known.set_state(its)
-        self._default_taus, self._n_calls = state["default_taus"], state["n_calls"]
+        for look, its in zip(self._looks, state["looks"], strict=True):
+            look.set_state(its)
+        self._n_calls = state["n_calls"]
 
 
-def _check_numbers(fields: list[Values]) -> None:
+def _check_numbers(values: Values, item: str) -> None:
     """Raise InputError if a field holds NaN: as background it would have the loss 0, however broken the network is."""
-    for number, values in enumerate(fields):
-        is_nan = np.isnan(values)
-        if is_nan.any():
-            first = tuple(np.argwhere(is_nan)[0].tolist())
-            item = f" of batch item {number}" if len(fields) > 1 else ""
-            raise InputError(
-                f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at "
-                f"index {first}. Look for weights that are NaN; where NaN means background, put -inf: "
-                "field.masked_fill(field.isnan(), -math.inf)."
-            )
+    is_nan = np.isnan(values)
+    if is_nan.any():
+        first = tuple(np.argwhere(is_nan)[0].tolist())
+        raise InputError(
+            f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at "
+            f"index {first}. Look for weights that are NaN; where NaN means background, put -inf: "
+            "field.masked_fill(field.isnan(), -math.inf)."
+        )

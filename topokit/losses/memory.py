@@ -1,8 +1,8 @@
-"""Values of a field from call to call: all of them every so often, in between those near the level."""
+"""What losses remember of a field from call to call: its values near the level, for one."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -15,8 +15,41 @@ _BAND_CELLS = 2.0  # distance from the level, in typical changes over one cell, 
 _BAND_TAUS = 8.0  # the same in τ: a voxel farther off has a slope below 1/3000 of that at the level
 
 
-class KnownValues:
+class Memory:
+    """An object whose memory can be put into a `state_dict`: as tensors, numbers and containers of these only.
+
+    Attributes:
+        remembers: names of the attributes that are its memory. Where one is a `Memory`, or a list of some, their
+            memories are parts of this one.
+    """
+
+    remembers: ClassVar[tuple[str, ...]] = ()
+
+    def get_state(self) -> dict[str, Any]:
+        """What is remembered."""
+        return {name: _state_of(getattr(self, name)) for name in self.remembers}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Remember what `get_state` returned."""
+        for name in self.remembers:
+            own = getattr(self, name)
+            parts = own if isinstance(own, list) else [own] if isinstance(own, Memory) else []
+            if not parts:
+                setattr(self, name, state[name])
+            for part, its in zip(parts, state[name] if isinstance(own, list) else [state[name]], strict=bool(parts)):
+                part.set_state(its)
+
+
+def _state_of(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_state_of(part) for part in value]
+    return value.get_state() if isinstance(value, Memory) else value
+
+
+class KnownValues(Memory):
     """The values of one field without a graph; of a function only those are evaluated that may have changed sides."""
+
+    remembers = ("_known", "_width", "_n_evaluations")
 
     def __init__(self, whole_every: int) -> None:
         """Args: whole_every: evaluations from one of the whole field to the next."""
@@ -45,14 +78,6 @@ class KnownValues:
             self._width = _band(values, tau)
         self._known = values
         return values
-
-    def get_state(self) -> dict[str, Any]:
-        """What is known, as tensors and numbers."""
-        return {"known": self._known, "width": self._width, "n_evaluations": self._n_evaluations}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned."""
-        self._known, self._width, self._n_evaluations = state["known"], state["width"], state["n_evaluations"]
 
 
 def _band(values: Tensor, tau: float | None) -> float:

@@ -13,8 +13,9 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES, VOXELS
-from topokit.adapters.voxels.field import SLAB, Labels, VoxelField, listed
+from topokit.adapters.voxels.field import Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.medical import image_of
@@ -34,7 +35,6 @@ from topokit.inputs.remote import lies_in, takes_addresses
 from topokit.inputs.unpacking import unpacked
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
-from topokit.report.wording import plural
 from topokit.shape import Shape
 
 
@@ -116,12 +116,12 @@ def from_voxels(
     name, values, steps = open_volume(volume, spacing, dataset)
     x, y, z = values.shape
     grid = Grid((x, y, z), steps, as_position(origin))
-    level, notes = _level_and_notes(values, level, labels)
+    solid = Solid(level, labels, connectivity)
+    seen = solid.seen(values)
+    notes = solid.check(seen)
+    if level is None:
+        level = 0.0 if labels or values.dtype == torch.bool else seen.high / 2
     field = VoxelField(values, level, labels, grid, connectivity)
-    if not field.has_inside():
-        wanted = f"equals the label {listed(labels)}" if labels else f"is above the level {level:g}"
-        low, high = _range(values)
-        raise InputError(f"no voxel {wanted}: the volume's values go from {low:g} to {high:g}.")
     seed = deferred_seed(generator)
     return Shape(
         lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), positions),
@@ -217,38 +217,3 @@ def _check_choice(level: float | None, labels: Labels) -> None:
     if labels and level is not None:
         given = "both ", Option("level", f"{level}"), " and ", Option("label", listed(labels)), " were given"
         raise InputError(*given, "; one of them says what is inside.")
-
-
-def _level_and_notes(values: Tensor, level: float | None, labels: Labels) -> tuple[float, tuple[str, ...]]:
-    """The level to use, and sentences for the report."""
-    if labels:
-        absent = [one for one in labels if not any(bool((part == one).any()) for part in values.split(SLAB))]
-        lacking = (f"No voxel has the label {listed(tuple(absent))}.",) if absent else ()
-        return 0.0, (f"The solid is the voxels with label {listed(labels)}.", *lacking)
-    if level is None:
-        level = 0.0 if values.dtype == torch.bool else _level_of_binary(values)
-    n_nan = sum(int(part.isnan().sum()) for part in values.detach().split(SLAB)) if values.is_floating_point() else 0
-    return level, (f"NaN counts as background, in {plural(n_nan, 'voxel')}.",) if n_nan else ()
-
-
-def _level_of_binary(values: Tensor) -> float:
-    """Half of the higher one of two values of which the lower one is 0."""
-    low, high = _range(values)
-    is_binary = low >= 0 and all(
-        bool(((part == 0) | (part == high) | part.isnan()).all()) for part in values.detach().split(SLAB)
-    )
-    if not is_binary:
-        raise InputError(
-            f"the volume has more than the two values of a binary one, from {low:g} to {high:g}: pass ",
-            *(Option("level", "…"), f" (inside is above it; {(low + high) / 2:g} would be half-way) or, "),
-            *("for a labeled volume, ", Option("label", "…")),
-        )
-    return high / 2
-
-
-def _range(values: Tensor) -> tuple[float, float]:
-    parts = [part[~part.isnan()] for part in torch.split(values.detach(), SLAB)]
-    parts = [part for part in parts if part.numel()]
-    if not parts:
-        raise InputError("all voxels are NaN.")
-    return float(min(part.min() for part in parts)), float(max(part.max() for part in parts))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
-from topokit.adapters.voxels.field import Labels, listed
+from topokit.adapters.voxels.field import SLAB, Labels, listed
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.division import Box, Division
 from topokit.core.blocks.part import Part, count_box, join_parts
@@ -29,6 +32,7 @@ class Seen(NamedTuple):
         low, high: of all that are not NaN; of a block with voxels inside only if they decide what is inside.
         n_nan: number of NaN.
         is_binary: whether all others are 0 or `high`.
+        is_empty: whether no voxel is inside.
         labels: those that were looked for and found.
     """
 
@@ -36,6 +40,7 @@ class Seen(NamedTuple):
     high: float
     n_nan: int
     is_binary: bool
+    is_empty: bool
     labels: frozenset[float] = frozenset()
 
     def joined(self, other: Seen) -> Seen:
@@ -46,6 +51,7 @@ class Seen(NamedTuple):
             max(self.high, other.high),
             self.n_nan + other.n_nan,
             self.is_binary and other.is_binary and len(highs) <= 1,
+            self.is_empty and other.is_empty,
             self.labels | other.labels,
         )
 
@@ -71,40 +77,57 @@ class Solid:
     labels: Labels
     connectivity: int
 
-    def mark(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], frozenset[float]]:
-        """Which voxels are inside, and the labels that there are."""
+    def mark(self, values: NDArray[Any]) -> tuple[NDArray[np.bool_], Seen]:
+        """Which voxels of a block are inside, and what its values are."""
         if not self.labels:
-            return values > (self.level or 0), frozenset()
+            inside = values > (self.level or 0)
+            return inside, self._seen(values, is_empty=not inside.any())
         present, inside = set(), np.zeros(values.shape, bool)
         for label in self.labels:
             has_label = values == label
             if has_label.any():
                 present.add(label)
                 inside |= has_label
-        return inside, frozenset(present)
+        return inside, self._seen(values, is_empty=not present)._replace(labels=frozenset(present))
 
-    def check(self, seen: Seen, is_empty: bool) -> tuple[str, ...]:
+    def seen(self, values: Tensor) -> Seen:
+        """What the values of a volume in memory are; handles a few layers at a time."""
+        parts = (part.float() if part.dtype == torch.bfloat16 else part for part in values.detach().split(SLAB))
+        return reduce(Seen.joined, (self.mark(part.cpu().numpy())[1] for part in parts))
+
+    def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
+        n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
+        must_be_binary = self.level is None and not self.labels and values.dtype != bool
+        if n_nan == values.size or not (must_be_binary or is_empty):
+            return Seen(np.inf, -np.inf, n_nan, True, is_empty)
+        known = values[~np.isnan(values)] if n_nan else values
+        low, high = known.min(), known.max()
+        is_binary = must_be_binary and bool(((known == 0) | (known == high)).all())
+        return Seen(float(low), float(high), n_nan, is_binary or values.dtype == bool, is_empty)
+
+    def check(self, seen: Seen) -> tuple[str, ...]:
         """Sentences for the report about the values of the whole volume.
 
         Raises:
             InputError: if they are not what they were taken for, or nothing is inside.
         """
-        if seen.low > seen.high and is_empty:
+        if seen.low > seen.high and seen.is_empty:
             raise InputError("all voxels are NaN.")
         if self.level is None and not self.labels and not (seen.is_binary and seen.low >= 0):
+            middle = f" (inside is above it; {(seen.low + seen.high) / 2:g} would be half-way)"
             raise InputError(
                 f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass ",
-                *(Option("level", "…"), " (inside is above it) or, for a labeled volume, ", Option("label", "…")),
+                *(Option("level", "…"), middle, " or, for a labeled volume, ", Option("label", "…")),
             )
-        if is_empty:
+        if seen.is_empty:
             above = f"is above the level {self.level or 0:g}"
             wanted = f"equals the label {listed(self.labels)}" if self.labels else above
             raise InputError(f"no voxel {wanted}: the volume's values go from {seen.low:g} to {seen.high:g}.")
-        if absent := tuple(label for label in self.labels if label not in seen.labels):
-            return (f"No voxel has the label {listed(absent)}.",)
-        if seen.n_nan and not self.labels:
-            return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",)
-        return ()
+        if self.labels:
+            absent = tuple(label for label in self.labels if label not in seen.labels)
+            lacking = (f"No voxel has the label {listed(absent)}.",) if absent else ()
+            return (f"The solid is the voxels with label {listed(self.labels)}.", *lacking)
+        return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",) if seen.n_nan else ()
 
 
 @dataclass(frozen=True)
@@ -127,19 +150,8 @@ class BlockCount:
             block: where it is in the volume.
         """
         values = np.asarray(source() if callable(source) else source)
-        inside, labels = self.solid.mark(values)
-        part = count_box(inside, block, self.shape, self.solid.connectivity)
-        return Found(part, self._seen(values, is_empty=not inside.any())._replace(labels=labels))
-
-    def _seen(self, values: NDArray[Any], is_empty: bool) -> Seen:
-        n_nan = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
-        must_be_binary = self.solid.level is None and not self.solid.labels and values.dtype != bool
-        if n_nan == values.size or not (must_be_binary or is_empty):
-            return Seen(np.inf, -np.inf, n_nan, True)
-        known = values[~np.isnan(values)] if n_nan else values
-        low, high = known.min(), known.max()
-        is_binary = must_be_binary and bool(((known == 0) | (known == high)).all())
-        return Seen(float(low), float(high), n_nan, is_binary or values.dtype == bool)
+        inside, seen = self.solid.mark(values)
+        return Found(count_box(inside, block, self.shape, self.solid.connectivity), seen)
 
 
 def joined(one: Found, other: Found, axis: int) -> Found:
@@ -164,7 +176,7 @@ def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, gri
     count = BlockCount(solid, grid.shape).count
     found = reduced(division, volume.at, count, joined, client, without_faces)
     counted = counted_volume(found.part, solid.connectivity, grid)
-    notes = solid.check(found.seen, is_empty=not counted.n_inside)
+    notes = solid.check(found.seen)
     return volume_answer(counted, solid.connectivity, time.perf_counter() - started, notes)
 
 

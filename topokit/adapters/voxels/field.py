@@ -36,10 +36,6 @@ class VoxelField(Field):
         """See `Field.device`."""
         return self.volume.device
 
-    def has_inside(self) -> bool:
-        """Whether the solid has a voxel; handles a few layers at a time."""
-        return any(bool(self.is_inside(part).any()) for part in self.volume.split(SLAB))
-
     def values(self) -> Tensor:
         """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
         return self._field_of(self.volume)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks
-from topokit.adapters.voxels.field import Labels, listed
+from topokit.adapters.voxels.field import Labels
 from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
@@ -127,6 +127,5 @@ def shape_in_blocks(
         lambda: answer_in_blocks(volume, blocks.division, Solid(level, labels, connectivity), grid, blocks.client),
         surface=refuse,
         name=volume.name,
-        notes=(f"The solid is the voxels with label {listed(labels)}.",) if labels else (),
         n_neighbors=n_neighbors,
     )

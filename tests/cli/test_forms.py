@@ -19,7 +19,7 @@ from typer.testing import CliRunner, Result
 import topokit as tk
 from topokit.batch.examine import COLUMNS
 from topokit.cli.app import app
-from topokit.cli.options import _TEXTS, Opener
+from topokit.cli.options import NAMES, Opener
 from topokit.errors import InputError, Option
 from topokit.plugins.foreign_code import options_of
 from topokit.plugins.registry import list_adapters
@@ -262,7 +262,7 @@ def test_every_option_of_every_adapter_has_a_name_of_its_own() -> None:
     """The table of options is complete: what can be written in a shell needs no -O."""
     from topokit.cli.values import is_writable
 
-    known = {*_TEXTS, "n_samples", "n_neighbors", "generator", "activated"}  # the last one is for dictionaries
+    known = {*NAMES, "activated"}  # the last one is for dictionaries
     for adapter in list_adapters():
         if "topokit" in str(adapter.opener) and (adapter.suffixes or not adapter.types):
             written = {name for name, one in (options_of(adapter) or {}).items() if is_writable(one)}

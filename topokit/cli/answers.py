@@ -61,7 +61,7 @@ def answer_files(
         html: page to write besides.
         check: may turn an answer into a failure.
     """
-    questions = Questions(opener, request.labels, details, locate, with_report, with_page=html is not None)
+    questions = Questions(opener, request.chosen_labels, details, locate, with_report, with_page=html is not None)
     has_failed = had_failed = False
 
     def shown(
@@ -85,7 +85,7 @@ def answer_files(
             _stream(output, found, "a" if resume else "w") as stream,
             progress_bar(_names_for_bar(found, opener), patience=0) as bar,
             _finished(make_writer(stream, found)) as writer,
-            closing(examine_each(found.sources, questions, request.jobs, request.limits, client)) as coming,
+            closing(examine_each(found.sources, questions, request.n_jobs, request.limits, client)) as coming,
         ):
             known = bar.counting(coming)
             is_ordered = client is None and (writer.is_ordered or html is not None)
@@ -166,7 +166,7 @@ def _cluster(request: Request) -> Iterator[Any]:
 
     with ExitStack() as stack:
         try:
-            client = stack.enter_context(connected(request.cluster, request.jobs))
+            client = stack.enter_context(connected(request.cluster, request.n_jobs))
         except TopokitError as error:
             raise typer.BadParameter(f"--cluster: {error}") from error
         if request.verbose:

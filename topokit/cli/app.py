@@ -20,19 +20,21 @@ from topokit.batch.journal import Journal, plain_options, stamps_of
 from topokit.batch.names import distinguishing_names, name_as_data
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
+from topokit.cli.bundle import takes_bundles
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
-from topokit.cli.options import Opener, described_options, opens_files
-from topokit.cli.request import Request, examines_files
+from topokit.cli.options import Given, Opener, described_options
+from topokit.cli.request import Request
 from topokit.cli.single import curvature, handles, picture
 from topokit.cli.writers import (
     CsvWriter,
     Form,
+    Forms,
+    JsonForms,
     JsonLinesWriter,
     JsonWriter,
     TableWriter,
     TextWriter,
     Writer,
-    takes_form,
 )
 from topokit.errors import AdapterWarning
 from topokit.text import make_logs_printable, printable, printable_lines
@@ -80,14 +82,12 @@ def main(
 
 
 @app.command()
-@opens_files
-@examines_files
-@takes_form("text", "table", "json", "jsonl", "csv")
+@takes_bundles
 def report(
     files: Files,
-    opener: Opener,
+    forms: Forms,
     request: Request,
-    form: Form | None,
+    given: Given,
     details: Annotated[
         bool, typer.Option("--details", help="Also estimates from curvature; this takes longer.")
     ] = False,
@@ -109,19 +109,19 @@ def report(
     ] = None,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
-
+    opener, form, labels = given.opener(), forms.chosen, request.chosen_labels
     if resume and (output is None or form != "jsonl" or html is not None or request.conditions):
         raise typer.BadParameter("--resume goes with -o and --jsonl, and without --html and --fail-on.")
     if retry_failed and not resume:
         raise typer.BadParameter("--retry-failed goes with --resume.")
-    given = plain_options(opener.adapter, opener.given, labels=request.labels, details=details, locate=locate)
-    lines = Journal(output or Path(), given, several=request.labels is not None, retries=retry_failed)
+    options = plain_options(opener.adapter, opener.given, labels=labels, details=details, locate=locate)
+    lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
 
     def record(answer: Answer) -> dict[str, Any]:
         return _named(answer) | (answer.report.to_dict() if answer.report else {"error": answer.error})
 
     def writer(stream: TextIO, found: Sources) -> Writer:
-        several = len(found.sources) > 1 or request.labels is not None
+        several = len(found.sources) > 1 or labels is not None
         chosen = form or ("table" if several and stream.isatty() else "text")
         if chosen == "json":
             return JsonWriter(stream, record)
@@ -131,7 +131,7 @@ def report(
         if chosen == "csv":
             return CsvWriter(stream)
         if chosen == "table":
-            return TableWriter(stream, [f"{source.name}{_longest_label(request.labels)}" for source in found.sources])
+            return TableWriter(stream, [f"{source.name}{_longest_label(labels)}" for source in found.sources])
         names = distinguishing_names(found.sources)
         return TextWriter(stream, lambda answer: f"{_told_apart(answer, names)}\n")
 
@@ -151,21 +151,17 @@ def report(
 
 
 @app.command()
-@opens_files
-@examines_files
-@takes_form("json", "jsonl")
-def euler(files: Files, opener: Opener, request: Request, form: Form | None) -> None:
+@takes_bundles
+def euler(files: Files, forms: JsonForms, request: Request, given: Given) -> None:
     """One line per shape: Euler characteristic, verdict, file (separated by tabs)."""
-    _print_number("euler", "the Euler characteristic is unknown", files, opener, request, form)
+    _print_number("euler", "the Euler characteristic is unknown", files, given.opener(), request, forms.chosen)
 
 
 @app.command()
-@opens_files
-@examines_files
-@takes_form("json", "jsonl")
-def genus(files: Files, opener: Opener, request: Request, form: Form | None) -> None:
+@takes_bundles
+def genus(files: Files, forms: JsonForms, request: Request, given: Given) -> None:
     """One line per shape: genus, verdict, file (separated by tabs)."""
-    _print_number("genus", "genus is undefined or unknown", files, opener, request, form)
+    _print_number("genus", "genus is undefined or unknown", files, given.opener(), request, forms.chosen)
 
 
 def _print_number(

@@ -1,40 +1,42 @@
-"""Several options of the command line that reach a command as one argument."""
+"""Options that several commands have in common, as the fields of dataclasses."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import wraps
-from typing import Any
+from inspect import Parameter
+from typing import Any, get_type_hints
 
 Command = Callable[..., None]
 
 
-def bundled(argument: str, options: Mapping[str, Any], build: Callable[..., Any]) -> Callable[[Command], Command]:
-    """A decorator that gives a command options, which reach it together as one of its arguments.
+def takes_bundles(command: Command) -> Command:
+    """The command with an option for each field of those of its arguments that are dataclasses.
 
-    Args:
-        argument: name of the argument.
-        options: annotations, as for typer, by the name of the parameter; all are None by default.
-        build: makes the argument from the values of the options, by keyword.
+    The fields are annotated as typer's options are. What a dataclass raises as `typer.BadParameter` is a usage error.
     """
+    own, bundles = [], {}
+    for one in inspect.signature(command, eval_str=True).parameters.values():
+        if isinstance(one.annotation, type) and is_dataclass(one.annotation):
+            bundles[one.name] = one.annotation
+        else:
+            own.append(one.replace(kind=Parameter.KEYWORD_ONLY))
 
-    def decorate(command: Command) -> Command:
-        signature = inspect.signature(command, eval_str=True)
-        own = [one for one in signature.parameters.values() if one.name != argument]
-        added = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
-            for name, annotation in options.items()
+    @wraps(command)
+    def run(**values: Any) -> None:
+        made = {
+            name: kind(**{one.name: values.pop(one.name) for one in fields(kind)}) for name, kind in bundles.items()
+        }
+        command(**made, **values)
+
+    for kind in bundles.values():
+        hints = get_type_hints(kind, include_extras=True)
+        own += [
+            Parameter(one.name, Parameter.KEYWORD_ONLY, default=one.default, annotation=hints[one.name])
+            for one in fields(kind)
         ]
-
-        @wraps(command)
-        def run(**values: Any) -> None:
-            given = {name: values.pop(name) for name in options}
-            command(**{argument: build(**given)}, **values)
-
-        parameters = [*(one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own), *added]
-        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {one.name: one.annotation for one in parameters}
-        return run
-
-    return decorate
+    run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in own}
+    return run

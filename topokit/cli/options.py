@@ -4,52 +4,28 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from topokit.batch.examine import Options, seeded
-from topokit.cli.bundle import bundled
 from topokit.cli.values import expected_value, is_writable, parse_value
 from topokit.errors import InputError, MissingDependencyError, TopokitError
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
-_PANEL = "Options of formats"
-_TEXTS = {
-    "sampling": "Meshes: how samples are placed: area, feature-size, curvature or even.",
-    "logits": "Occupancy networks: true if they return log-odds; the level stays a probability.",
-    "regularize": "Points: true moves them onto the surface of their winding number.",
-    "block_points": "Points: read block by block, with about so many points in a block.",
-    "level": "Volumes and networks: value on the surface.",
-    "label": "Volumes: voxels with this label, or with one of several, as 1,2, are the solid.",
-    "connectivity": "Volumes: 6 or 26.",
-    "spacing": "Volumes: size of a voxel, as 0.5 or 1,1,2.",
-    "origin": "Volumes: position of the first voxel, as 0,0,-40.",
-    "dataset": "Volumes: path of the array in a zarr group or HDF5 file.",
-    "block_voxels": "Volumes and networks: count block by block, with at most so many voxels in a block.",
-    "batch_size": "Networks: points per call, at most; fewer take less memory.",
-    "bounds": "Networks: lowest and highest corner of the box, as -1,-1,-1,1,1,1, or -1,1 for a cube.",
-    "resolution": "Networks: cells along the longest side of the finest grid.",
-    "field_resolution": "Networks: cells along the longest side of the grid of the field.",
-    "component": "Splats: all, largest, or the number of a cluster.",
-    "min_opacity": "Splats: fainter ones are dropped.",
-    "max_size_ratio": "Splats: those larger than so many times the median are dropped.",
-    "max_thickness_ratio": "Splats: those thicker than this share of their size are dropped.",
-    "min_cluster_share": "Splats: clusters with a smaller share of them are dropped.",
-}
-_ALIASES = {"level": ("--threshold",)}
+Text = str | None
 _SAMPLING = ("n_samples", "generator")  # left out where nothing is sampled: a list of files may hold points, too
 _RENAMED = {"n_neighbors": "--neighbors", "n_samples": "--samples", "generator": "--seed"}
+_QUOTES = "'"
+_ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
 
 
-def _flag(name: str) -> str:
-    """A parameter of an adapter as an option of the command line."""
-    if name in (*_RENAMED, *_TEXTS, "adapter", "labels"):
-        return _RENAMED.get(name) or "--" + name.replace("_", "-")
-    return f"-O {name}=…"
+def _of(help: str, *flags: str, **more: Any) -> Any:
+    return typer.Option(*flags, help=help, rich_help_panel="Options of formats", **more)
 
 
 def _adapter_names() -> list[str]:
@@ -59,38 +35,72 @@ def _adapter_names() -> list[str]:
     return [adapter.name for adapter in list_adapters()]
 
 
-def _text_option(name: str, help_text: str) -> Any:
-    option = typer.Option(_flag(name), *_ALIASES.get(name, ()), help=help_text, rich_help_panel=_PANEL)
-    return Annotated[str | None, option]
+_ADAPTER = "Adapter to use; `topokit adapters` lists them, `topokit adapters NAME` its options."
+_MORE = "Any other option of the adapter; may be repeated."
 
 
-def _integer_option(*flags: str, least: int, help_text: str) -> Any:
-    return Annotated[int | None, typer.Option(*flags, min=least, help=help_text, rich_help_panel=_PANEL)]
+@dataclass(frozen=True)
+class Given:
+    """The adapter and its options, each under the name of the adapter's parameter."""
+
+    adapter: Annotated[Text, _of(_ADAPTER, autocompletion=_adapter_names)] = None
+    sampling: Annotated[Text, _of("Meshes: how samples are placed: area, feature-size, curvature or even.")] = None
+    logits: Annotated[Text, _of("Occupancy networks: true if they return log-odds; level stays a probability.")] = None
+    regularize: Annotated[Text, _of("Points: true moves them onto the surface of their winding number.")] = None
+    block_points: Annotated[Text, _of("Points: read block by block, with about so many points in a block.")] = None
+    level: Annotated[Text, _of("Volumes and networks: value on the surface.", "--level", "--threshold")] = None
+    label: Annotated[Text, _of("Volumes: voxels with this label, or one of several, as 1,2, are the solid.")] = None
+    connectivity: Annotated[Text, _of("Volumes: 6 or 26.")] = None
+    spacing: Annotated[Text, _of("Volumes: size of a voxel, as 0.5 or 1,1,2.")] = None
+    origin: Annotated[Text, _of("Volumes: position of the first voxel, as 0,0,-40.")] = None
+    dataset: Annotated[Text, _of("Volumes: path of the array in a zarr group or HDF5 file.")] = None
+    block_voxels: Annotated[
+        Text, _of("Volumes and networks: count block by block, with at most so many voxels in a block.")
+    ] = None
+    batch_size: Annotated[Text, _of("Networks: points per call, at most; fewer take less memory.")] = None
+    bounds: Annotated[
+        Text, _of("Networks: lowest and highest corner of the box, as -1,-1,-1,1,1,1, or -1,1 for a cube.")
+    ] = None
+    resolution: Annotated[Text, _of("Networks: cells along the longest side of the finest grid.")] = None
+    field_resolution: Annotated[Text, _of("Networks: cells along the longest side of the grid of the field.")] = None
+    component: Annotated[Text, _of("Splats: all, largest, or the number of a cluster.")] = None
+    min_opacity: Annotated[Text, _of("Splats: fainter ones are dropped.")] = None
+    max_size_ratio: Annotated[Text, _of("Splats: those larger than so many times the median are dropped.")] = None
+    max_thickness_ratio: Annotated[Text, _of("Splats: those thicker than this share of their size are dropped.")] = None
+    min_cluster_share: Annotated[Text, _of("Splats: clusters with a smaller share of them are dropped.")] = None
+    n_neighbors: Annotated[int | None, _of("Neighbors of each point.", "-k", "--neighbors", min=3)] = None
+    n_samples: Annotated[int | None, _of("Points to sample, if any are sampled.", "--samples", min=4)] = None
+    generator: Annotated[int | None, _of("Seed of the sampling.", "--seed", min=0)] = None
+    more: Annotated[list[str] | None, _of(_MORE, "-O", "--option", metavar="NAME=VALUE")] = None
+
+    def opener(self) -> Opener:
+        """What opens files with these options; a usage error if they fit no adapter."""
+        given = {name: value for name in NAMES if (value := getattr(self, name)) is not None}
+        for text in self.more or ():
+            name, equals, value = text.partition("=")
+            name = name.replace("-", "_")
+            if not equals or name in given:
+                raise typer.BadParameter(f"-O {text}: expected NAME=VALUE, each name once.")
+            if name in _RENAMED:
+                raise typer.BadParameter(f"-O {text}: use {_flag(name)} {value}.")
+            given[name] = value
+        if self.adapter is not None and self.adapter not in _adapter_names():
+            raise typer.BadParameter(f"--adapter is {self.adapter!r}; expected {' or '.join(_adapter_names())}.")
+        for name, value in given.items():
+            if isinstance(value, str):
+                _check_value(self.adapter, name, value)
+        return Opener(self.adapter, given)
 
 
-_ADAPTER = typer.Option(
-    "--adapter",
-    help="Adapter to use; `topokit adapters` lists them, `topokit adapters NAME` its options.",
-    autocompletion=_adapter_names,
-    rich_help_panel=_PANEL,
-)
-_MORE = typer.Option(
-    "-O",
-    "--option",
-    metavar="NAME=VALUE",
-    help="Any other option of the adapter; may be repeated.",
-    rich_help_panel=_PANEL,
-)
-_OPTIONS = {
-    "adapter": Annotated[str | None, _ADAPTER],
-    **{name: _text_option(name, text) for name, text in _TEXTS.items()},
-    "n_neighbors": _integer_option("-k", "--neighbors", least=3, help_text="Neighbors of each point."),
-    "n_samples": _integer_option("--samples", least=4, help_text="Points to sample, if any are sampled."),
-    "generator": _integer_option("--seed", least=0, help_text="Seed of the sampling."),
-    "more": Annotated[list[str] | None, _MORE],
-}
-_QUOTES = "'"
-_ANY = inspect.Parameter("any", inspect.Parameter.KEYWORD_ONLY)
+NAMES = tuple(one.name for one in fields(Given) if one.name not in ("adapter", "more"))
+"""Options of adapters that have a flag of their own."""
+
+
+def _flag(name: str) -> str:
+    """A parameter of an adapter as an option of the command line."""
+    if name in (*NAMES, "adapter", "labels"):
+        return _RENAMED.get(name) or "--" + name.replace("_", "-")
+    return f"-O {name}=…"
 
 
 class Opener(Options):
@@ -166,25 +176,6 @@ def flags_of(known: Mapping[str, inspect.Parameter]) -> list[str]:
     return sorted(map(_flag, {*writable, "n_neighbors"}))
 
 
-def _opener(adapter: str | None, more: list[str] | None, **values: Any) -> Opener:
-    """The opener for the values of the options; a usage error if they fit no adapter."""
-    given = {name: value for name, value in values.items() if value is not None}
-    for text in more or ():
-        name, equals, value = text.partition("=")
-        name = name.replace("-", "_")
-        if not equals or name in given:
-            raise typer.BadParameter(f"-O {text}: expected NAME=VALUE, each name once.")
-        if name in _RENAMED:
-            raise typer.BadParameter(f"-O {text}: use {_flag(name)} {value}.")
-        given[name] = value
-    if adapter is not None and adapter not in _adapter_names():
-        raise typer.BadParameter(f"--adapter is {adapter!r}; expected {' or '.join(_adapter_names())}.")
-    for name, value in given.items():
-        if isinstance(value, str):
-            _check_value(adapter, name, value)
-    return Opener(adapter, given)
-
-
 def _check_value(adapter: str | None, name: str, value: str) -> None:
     """A usage error if no adapter has the option, or none that has it can take the value."""
     expected = []
@@ -217,6 +208,3 @@ def _parameters(adapter: str | None, name: str) -> list[inspect.Parameter]:
             if known is None or name in known:
                 found.append(_ANY if known is None else known[name])
     return found
-
-
-opens_files = bundled("opener", _OPTIONS, _opener)

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,109 +16,72 @@ import typer
 
 from topokit.batch.limits import Limits
 from topokit.batch.sources import Source, Sources, find_sources
-from topokit.cli.bundle import bundled
 from topokit.cli.conditions import EXPECTED, Condition, parse_conditions
 from topokit.ending import finally_do
 
 STDIN = "-"
 
 
-@dataclass(frozen=True)
-class Request:
-    """How to examine files.
-
-    Attributes:
-        format: of standard input, as the suffix of a file.
-        labels: as for `topokit.survey`.
-        jobs: number of processes.
-        cluster: address of the scheduler whose workers examine the files, or "local"; or None.
-        limits: on each file.
-        conditions: what makes the exit code 1.
-        keep_going: whether to go on after a failure.
-        verbose: whether to say more on standard error.
-    """
-
-    format: str | None
-    labels: Literal["all"] | tuple[int, ...] | None
-    jobs: int
-    cluster: str | None
-    limits: Limits
-    conditions: Sequence[Condition]
-    keep_going: bool
-    verbose: bool
-
-
+_SUFFIX = re.compile(r"\.?[A-Za-z0-9.]+")
+_LABELS = "Volumes: each label as a shape of its own."
+_CLUSTER = "Dask scheduler whose workers examine the files."
+_FAIL_ON = f"Exit with 1 if a shape is {EXPECTED}. May be repeated."
 Format = Annotated[
     str | None, typer.Option("--format", metavar="SUFFIX", help="Format of standard input (FILE is -), such as stl.")
 ]
-LIMITS = {
-    "time_limit": Annotated[
-        float | None, typer.Option("--time-limit", metavar="SECONDS", min=0.1, help="The most that a file may take.")
-    ],
-    "memory_limit": Annotated[
-        float | None,
-        typer.Option("--memory-limit", metavar="GIB", min=0.1, help="The most memory that a file may take."),
-    ],
-}
-_SUFFIX = re.compile(r"\.?[A-Za-z0-9.]+")
-_OPTIONS = {
-    "format": Format,
-    "labels": Annotated[
-        str | None, typer.Option("--labels", metavar="all|1,2,…", help="Volumes: each label as a shape of its own.")
-    ],
-    "jobs": Annotated[
+Limit = float | None
+
+
+@dataclass(frozen=True)
+class Request:
+    """How to examine many files."""
+
+    format: Format = None
+    labels: Annotated[str | None, typer.Option(metavar="all|1,2,…", help=_LABELS)] = None
+    jobs: Annotated[
         int | None, typer.Option("-j", "--jobs", min=0, help="Processes; 0 is one for each core.", show_default="1")
-    ],
-    "cluster": Annotated[
-        str | None,
-        typer.Option("--cluster", metavar="ADDRESS|local", help="Dask scheduler whose workers examine the files."),
-    ],
-    **LIMITS,
-    "fail_on": Annotated[
-        list[str] | None,
-        typer.Option("--fail-on", metavar="CONDITION", help=f"Exit with 1 if a shape is {EXPECTED}. May be repeated."),
-    ],
-    "keep_going": Annotated[
-        bool | None,
-        typer.Option("--keep-going/--fail-fast", help="Go on after a failure, or stop.", show_default="keep-going"),
-    ],
-    "verbose": Annotated[bool | None, typer.Option("-v", "--verbose", help="Say more on standard error.")],
-}
+    ] = None
+    cluster: Annotated[str | None, typer.Option(metavar="ADDRESS|local", help=_CLUSTER)] = None
+    time_limit: Annotated[Limit, typer.Option(metavar="SECONDS", min=0.1, help="The most that a file may take.")] = None
+    memory_limit: Annotated[
+        Limit, typer.Option(metavar="GIB", min=0.1, help="The most memory that a file may take.")
+    ] = None
+    fail_on: Annotated[list[str] | None, typer.Option(metavar="CONDITION", help=_FAIL_ON)] = None
+    keep_going: Annotated[bool, typer.Option("--keep-going/--fail-fast", help="Go on after a failure, or stop.")] = True
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more on standard error.")] = False
 
+    def __post_init__(self) -> None:
+        _ = self.conditions, self.chosen_labels  # usage errors come first
 
-def _request(
-    format: str | None,
-    labels: str | None,
-    jobs: int | None,
-    cluster: str | None,
-    time_limit: float | None,
-    memory_limit: float | None,
-    fail_on: list[str] | None,
-    keep_going: bool | None,
-    verbose: bool | None,
-) -> Request:
-    try:
-        conditions = parse_conditions(fail_on or ())
-    except ValueError as error:
-        raise typer.BadParameter(f"--fail-on: {error}") from error
-    is_going = keep_going is None or keep_going
-    limits = Limits(time_limit, memory_limit)
-    n_jobs = int(cluster is None) if jobs is None else jobs
-    return Request(format, _labels(labels), n_jobs, cluster, limits, conditions, is_going, bool(verbose))
+    @property
+    def limits(self) -> Limits:
+        """On each file."""
+        return Limits(self.time_limit, self.memory_limit)
 
+    @property
+    def n_jobs(self) -> int:
+        """Number of processes: by default one here, and one for each core of a local cluster."""
+        return int(self.cluster is None) if self.jobs is None else self.jobs
 
-def _labels(text: str | None) -> Literal["all"] | tuple[int, ...] | None:
-    if text is None or text == "all":
-        return text  # type: ignore[return-value]
-    try:
-        return tuple(map(int, text.split(",")))
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"--labels is {text!r}; expected all, or integers with commas between them."
-        ) from error
+    @cached_property
+    def conditions(self) -> list[Condition]:
+        """What makes the exit code 1."""
+        try:
+            return parse_conditions(self.fail_on or ())
+        except ValueError as error:
+            raise typer.BadParameter(f"--fail-on: {error}") from error
 
-
-examines_files = bundled("request", _OPTIONS, _request)
+    @property
+    def chosen_labels(self) -> Literal["all"] | tuple[int, ...] | None:
+        """As for `topokit.survey`."""
+        if self.labels is None or self.labels == "all":
+            return self.labels  # type: ignore[return-value]
+        try:
+            return tuple(map(int, self.labels.split(",")))
+        except ValueError as error:
+            raise typer.BadParameter(
+                f"--labels is {self.labels!r}; expected all, or integers with commas between them."
+            ) from error
 
 
 def is_same(output: Path, source: Source) -> bool:

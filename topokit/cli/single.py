@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from topokit.cli.answers import say
-from topokit.cli.options import Opener, opens_files
+from topokit.cli.bundle import takes_bundles
+from topokit.cli.options import Given, Opener
 from topokit.cli.request import Format, is_same, sources_of
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.writing import completed_file
@@ -23,11 +24,11 @@ _SHAPE = typer.Argument(help="A mesh, points, a volume, a network or splats.", m
 _SUFFIXES = (".png", ".webp", ".jpg", ".jpeg")
 
 
-@opens_files
+@takes_bundles
 def curvature(
     file: Annotated[str, typer.Argument(help="A mesh or a point cloud; - is standard input.", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="PLY file to write.")],
-    opener: Opener,
+    given: Given,
     format: Format = None,
     color_by: Annotated[Quantity, typer.Option(help="What the colors show.")] = "gaussian",
 ) -> None:
@@ -37,14 +38,14 @@ def curvature(
         n_written = shape.save_ply(output, color_by)
         return f"{n_written} points with gaussian, mean, total, k_min, k_max and area"
 
-    _convert(file, output, format, opener, write)
+    _convert(file, output, format, given.opener(), write)
 
 
-@opens_files
+@takes_bundles
 def picture(
     file: Annotated[str, _SHAPE],
     output: Annotated[Path, typer.Option("-o", "--output", help="Picture to write (.png, .webp or .jpg).")],
-    opener: Opener,
+    given: Given,
     format: Format = None,
     side: Annotated[int, typer.Option("--side", min=16, max=4096, help="Pixels along the square.")] = 600,
     eye: Annotated[
@@ -64,13 +65,13 @@ def picture(
         raise typer.BadParameter(f"-o {output}: a picture must be called {', '.join(_SUFFIXES)}.")
     if not output.parent.is_dir():
         raise typer.BadParameter(f"-o {output}: the folder {output.parent} does not exist.")
-    _convert(file, output, format, opener, write)
+    _convert(file, output, format, given.opener(), write)
 
 
-@opens_files
+@takes_bundles
 def handles(
     file: Annotated[str, _SHAPE],
-    opener: Opener,
+    given: Given,
     format: Format = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Loops to write as lines (.ply or .glb).")
@@ -94,7 +95,7 @@ def handles(
         numbers = ((row["handle_length"], row["tunnel_length"], *row["center"]) for row in rows)
         return "\n".join("\t".join(f"{number:.6g}" for number in line) for line in numbers)
 
-    _ask(file, format, opener, answer, output)
+    _ask(file, format, given.opener(), answer, output)
 
 
 def _convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:

@@ -6,24 +6,17 @@ import csv
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, Literal, TextIO
 
 import typer
 
 from topokit.batch.examine import COLUMNS, Answer, Row
 from topokit.batch.names import name_as_data
-from topokit.cli.bundle import Command, bundled
 from topokit.cli.encoding import carries_all
 from topokit.text import json_text, printable
 
 Form = Literal["text", "table", "json", "jsonl", "csv"]
-_HELP: dict[Form, str] = {
-    "text": "The whole report of every shape.",
-    "table": "One aligned row per shape; the default on a terminal if there are several.",
-    "json": "One JSON array, an object per shape.",
-    "jsonl": "One JSON object per line.",
-    "csv": "Comma-separated values, a line per shape.",
-}
 Record = Callable[[Answer], Mapping[str, Any]]  # an answer as an object for JSON
 Text = Callable[[Answer], str]
 
@@ -137,16 +130,34 @@ def _is_cell(name: str) -> bool:
     return printable(name) == name and not _FORMULA.search(name)
 
 
-def takes_form(*forms: Form) -> Callable[[Command], Command]:
-    """A decorator that gives a command the options of these forms; the one that is given is its argument `form`."""
-    options: dict[str, Any] = {
-        form: Annotated[bool | None, typer.Option(f"--{form}", help=_HELP[form])] for form in forms
-    }
+@dataclass(frozen=True)
+class JsonForms:
+    """Forms of numbers, of which one may be chosen."""
 
-    def chosen(**given: bool | None) -> Form | None:
-        wanted = [form for form in forms if given[form]]
-        if len(wanted) > 1:
+    json: Annotated[bool, typer.Option("--json", help="One JSON array, an object per shape.")] = False
+    jsonl: Annotated[bool, typer.Option("--jsonl", help="One JSON object per line.")] = False
+
+    def __post_init__(self) -> None:
+        if len(wanted := self._wanted) > 1:
             raise typer.BadParameter(f"{' and '.join(f'--{form}' for form in wanted)} exclude each other.")
-        return wanted[0] if wanted else None
 
-    return bundled("form", options, chosen)
+    @property
+    def chosen(self) -> Form | None:
+        """The form that is asked for, if there is one."""
+        return next(iter(self._wanted), None)
+
+    @property
+    def _wanted(self) -> list[Any]:
+        return [one.name for one in fields(self) if getattr(self, one.name)]
+
+
+_TABLE = "One aligned row per shape; the default on a terminal if there are several."
+
+
+@dataclass(frozen=True)
+class Forms(JsonForms):
+    """Forms of reports, of which one may be chosen."""
+
+    text: Annotated[bool, typer.Option("--text", help="The whole report of every shape.")] = False
+    table: Annotated[bool, typer.Option("--table", help=_TABLE)] = False
+    csv: Annotated[bool, typer.Option("--csv", help="Comma-separated values, a line per shape.")] = False

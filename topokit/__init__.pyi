@@ -25,7 +25,7 @@ from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
-from .repair.topology import fill_boundaries, simplify_topology
+from .repair import fill_boundaries, simplify_topology
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
 

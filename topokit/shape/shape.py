@@ -13,7 +13,7 @@ from torch import Tensor
 from topokit.core.cloud.downsampling import Criterion
 from topokit.core.cloud.fewer_samples import fewer_samples
 from topokit.core.grid.field import Field
-from topokit.core.grid.regularization import regularized_samples
+from topokit.core.grid.winding_field import regularized_samples
 from topokit.core.handles.find import find_handles
 from topokit.core.handles.handle import Handle
 from topokit.core.local.curvature import (

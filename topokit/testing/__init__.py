@@ -4,11 +4,13 @@ from topokit.core.residence import as_on_accelerator
 from topokit.testing.conformance import AdapterConformance
 from topokit.testing.host_visits import HostVisit, HostVisits, count_host_visits
 from topokit.testing.meshes import genus_mesh, icosphere, joined, linked_tori_mesh, shell_mesh, torus_mesh
-from topokit.testing.open_surfaces import cylinder_samples, hemisphere_samples, plate_samples
 from topokit.testing.surfaces import (
     AnalyticSamples,
+    cylinder_samples,
     ellipsoid_samples,
+    hemisphere_samples,
     linked_tori_samples,
+    plate_samples,
     shell_samples,
     sphere_samples,
     torus_samples,

@@ -18,12 +18,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from topokit.core.grid.grid import Grid
+from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.splines import GridSampler
 from topokit.core.linalg import normalize
+from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 
-_PAIRS = 1 << 22  # differences held at once by the direct sum
+_CELLS_PER_SPACING = 2.0  # so that two sheets two spacings apart stay apart
+_SHARE = 0.25  # standard deviation of the smoothing, as a share of the radius of a neighborhood
 
 
 class PoissonFilter:
@@ -63,12 +65,10 @@ class WindingField:
     Attributes:
         values: field of shape `grid.shape`; about 1 inside, about 0 outside.
         grid: its geometry.
-        sigma: Gaussian smoothing in cells.
     """
 
     values: Tensor
     grid: Grid
-    sigma: float
 
     def sample(self, points: Tensor) -> Tensor:
         """The field at points (N, 3), as (N,); differentiable in the points and in what the field was made from."""
@@ -99,7 +99,7 @@ def winding_field(points: Tensor, normals: Tensor, areas: Tensor, grid: Grid, si
     sampler = GridSampler(points, grid)
     values = -PoissonFilter(grid, sigma, points)(sampler.splat_dipoles(normals * areas[:, None]))
     shift = 0.5 - (sampler.gather(values) * areas).sum() / areas.sum()
-    return WindingField(values + shift, grid, sigma)
+    return WindingField(values + shift, grid)
 
 
 def regularize(
@@ -134,34 +134,37 @@ def regularize(
     return points, torch.where(is_flat, normals, -normalize(gradient))
 
 
-def direct_winding_number(queries: Tensor, points: Tensor, normals: Tensor, areas: Tensor) -> Tensor:
-    """Winding numbers by direct summation over all samples: slow and exact; the reference for `winding_field`.
-
-    Args:
-        queries: (M, 3), away from the samples: the sum is singular there.
-        points: (N, 3).
-        normals: (N, 3), unit, outward.
-        areas: (N,).
-
-    Returns:
-        (M,), differentiable in all arguments.
-
-    Raises:
-        InputError: if the shapes do not fit.
-    """
-    _check(points, normals, areas)
-    smallest = torch.finfo(points.dtype).tiny ** 0.25
-    parts = []
-    for block in queries.split(max(1, _PAIRS // max(len(points), 1))):
-        difference = points[None] - block[:, None]
-        distance = difference.norm(dim=2).clamp_min(smallest)
-        parts.append(((difference * normals).sum(2) * areas / distance**3).sum(1) / (4 * math.pi))
-    return torch.cat(parts)
-
-
 def _check(points: Tensor, normals: Tensor, areas: Tensor) -> None:
     if points.dim() != 2 or points.shape[1] != 3 or normals.shape != points.shape or areas.shape != points.shape[:1]:
         raise InputError(
             "a winding number needs points (N, 3), normals (N, 3) and areas (N,), "
             f"not {tuple(points.shape)}, {tuple(normals.shape)} and {tuple(areas.shape)}."
         )
+
+
+def regularized_samples(samples: SurfaceSamples, areas: Tensor, n_neighbors: int) -> SurfaceSamples:
+    """Samples moved onto the surface where their winding number is one half, with normals from its gradient.
+
+    The smoothing follows the number of neighbors that the noise calls for: a quarter of the radius of a disc that holds
+    so many samples.
+
+    Args:
+        samples: (N, 3), with outward normals.
+        areas: (N,), the area that each sample stands for.
+        n_neighbors: see `topokit.core.local.neighborhood_size.automatic_neighbors`.
+
+    Returns:
+        As many samples with outward normals, differentiable in the points and normals given, at a fixed grid.
+
+    Raises:
+        InputError: if the samples are batched, or have no outward normals.
+    """
+    normals = samples.known_normals()
+    if samples.points.ndim != 2 or normals is None or not samples.oriented:
+        raise InputError(
+            "a winding number needs one cloud (N, 3) with outward normals: use shape.oriented(), and an item at a time."
+        )
+    spacing = float(areas.detach().mean().sqrt())
+    grid = make_grid(samples.points, spacing, _CELLS_PER_SPACING)
+    sigma = _SHARE * math.sqrt(n_neighbors / math.pi) * spacing / grid.cell
+    return SurfaceSamples(*regularize(samples.points, normals, areas, grid, sigma))

@@ -13,8 +13,8 @@ from topokit.core.components import Corner, CountedComponents
 from topokit.core.labels import connected_labels
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
-from topokit.core.mesh.self_intersections import intersecting_faces
 from topokit.core.mesh.topology import mesh_topology
+from topokit.errors import MissingDependencyError
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -149,3 +149,30 @@ def _groups(labels: Integers) -> list[Integers]:
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(labels) else []
     return sorted(groups, key=lambda group: -len(group))
+
+
+def intersecting_faces(vertices: Floats, faces: Integers) -> Integers:
+    """Pairs of faces without a common edge that meet elsewhere than in a common vertex.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3).
+
+    Returns:
+        (P, 2) rows of `faces`.
+
+    Raises:
+        MissingDependencyError: if libigl is not installed.
+    """
+    try:
+        from igl.predicates import find_self_intersections
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            'self-intersections are found by libigl, which is not installed: pip install "topokit[defects]", or pass '
+            "self_intersections=False."
+        ) from error
+    _, pairs, _ = find_self_intersections(np.ascontiguousarray(vertices), np.ascontiguousarray(faces))
+    pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+    first, second = faces[pairs[:, 0]], faces[pairs[:, 1]]
+    n_common = (first[:, :, None] == second[:, None, :]).sum(axis=(1, 2))
+    return pairs[n_common < 2]  # libigl reports neighbors that are not oriented alike, too

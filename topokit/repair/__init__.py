@@ -1,1 +1,0 @@
-"""Meshes with simpler topology: small handles removed, boundaries filled."""

@@ -27,7 +27,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"samples", "neighbors", "linalg", "components", "labels", "draws"}
+    {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
     | {"processors", "progress", "surface", "loops", "precision", "residence"},
     {"local", "grid"},
     {"blocks"},

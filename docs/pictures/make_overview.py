@@ -18,7 +18,8 @@ from skimage.measure import marching_cubes
 from torch import Tensor
 
 import topokit as tk
-from topokit.export.surfels import Floats, Surfels, disc_surfels, mesh_surfels, render, unit
+from topokit.core.arrays import Floats
+from topokit.export.surfels import Surfels, disc_surfels, mesh_surfels, render, unit
 from topokit.testing import genus_mesh
 
 SIDE, TEXT = 240, 84  # pixels of a panel and of the text below it

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import TypeVar, overload
 
 import numpy as np
-from numpy.typing import NDArray
+
+from topokit.core.arrays import Floats, Integers
 
 Corner = tuple[float, float, float]
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Count = TypeVar("Count", int, NDArray[np.int64])
+Count = TypeVar("Count", int, Integers)
 
 
 def genus_of(euler: Count, boundary_loops: Count | int = 0, components: int = 1) -> Count:

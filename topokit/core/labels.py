@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Integers
 
 
 def connected_labels(n_nodes: int, first: Integers, second: Integers) -> Integers:

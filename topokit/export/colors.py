@@ -10,13 +10,13 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.local.curvature import Curvature
 from topokit.errors import InputError
 
 if TYPE_CHECKING:
     from topokit.shape import Shape
 
-Floats = NDArray[np.float64]
 Quantity = Literal["gaussian", "mean", "total"]
 _LEAST = 1e-200  # stands for a distance of 0; its inverse can still be summed
 _NEAREST = 6  # samples from which the value at a mesh vertex is interpolated
@@ -38,7 +38,7 @@ class ColoredSurface:
     normals: Floats
     fields: dict[str, Floats]
     colors: NDArray[np.uint8]
-    faces: NDArray[np.int64] | None
+    faces: Integers | None
 
 
 def curvature_of_one(shape: Shape, done: str) -> Curvature:

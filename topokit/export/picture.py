@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from topokit.export.colors import Floats, diverging_colors
-from topokit.export.scene import Integers, Mark, MarkKind, Scene
+from topokit.core.arrays import Floats, Integers
+from topokit.export.colors import diverging_colors
+from topokit.export.scene import Mark, MarkKind, Scene
 from topokit.export.surfels import Surfels, disc_surfels, mesh_surfels, render, unit
 
 Eye = tuple[float, float, float]

@@ -6,19 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.local.curvature import Curvature
-from topokit.export.colors import Floats, curvature_of_one, interpolate
+from topokit.export.colors import curvature_of_one, interpolate
 
 if TYPE_CHECKING:
     from topokit.report.location import Location
     from topokit.shape import Shape
 
-Integers = NDArray[np.int64]
 MarkKind = Literal["handle", "tunnel", "boundary", "defect"]
 MarkForm = Literal["loop", "curve", "dots"]
 

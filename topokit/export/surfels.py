@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-Floats = NDArray[np.float64]
+from topokit.core.arrays import Booleans, Floats, Integers
 
 _FINE = 3  # pixels along a pixel of the picture
 _PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence: even points in a square
@@ -31,7 +31,7 @@ class Surfels:
 
 
 def mesh_surfels(
-    vertices: Floats, faces: NDArray[np.int64], normals: Floats, colors: Floats, n_surfels: int = 2_000_000
+    vertices: Floats, faces: Integers, normals: Floats, colors: Floats, n_surfels: int = 2_000_000
 ) -> Surfels:
     """Surfels spread evenly over a mesh; normals (V, 3) and colors (V, 3) are interpolated between vertices."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
@@ -91,7 +91,7 @@ def render(surfels: Surfels, eye: tuple[float, float, float], side: int, fine: i
     return np.rint(255 * coarse).astype(np.uint8)
 
 
-def _nearest(places: Floats, side: int, fine: int) -> tuple[NDArray[np.int64], Floats]:
+def _nearest(places: Floats, side: int, fine: int) -> tuple[Integers, Floats]:
     """Index of the surfel nearest to the eye at every fine pixel, −1 for none, and its depth.
 
     A surfel covers 3 × 3 fine pixels.
@@ -110,7 +110,7 @@ def _nearest(places: Floats, side: int, fine: int) -> tuple[NDArray[np.int64], F
     return nearest, depth
 
 
-def _openness(depth: Floats, seen: NDArray[np.bool_], side: int, fine: int) -> Floats:
+def _openness(depth: Floats, seen: Booleans, side: int, fine: int) -> Floats:
     """Share of the surrounding light at every pixel: less where the surface around is nearer to the eye."""
     filled, share = np.where(seen, depth, 0.0), np.ones(depth.shape)
     for blur, strength in _OCCLUSION:

@@ -17,11 +17,12 @@ from scipy import ndimage
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
+from topokit.core.arrays import Booleans
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, median_step_at_crossings
 from topokit.core.homotopy.deformation import deform
 from topokit.core.homotopy.nearest_solid import Betti, Change, Values, cost, nearest_solid
-from topokit.core.homotopy.simple_points import Bools, PaddedSolid, is_simple
+from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
 from topokit.losses.memory import Memory
 
 Regions = NDArray[np.int64]
@@ -60,7 +61,7 @@ class Guard(Memory):
         self._cell_change = float("inf")  # the field's typical change over one cell
 
     @property
-    def solid(self) -> Bools | None:
+    def solid(self) -> Booleans | None:
         """See the class."""
         return None if self._solid is None else self._solid.cpu().numpy()
 
@@ -82,7 +83,7 @@ class Guard(Memory):
         self._solid = torch.from_numpy(solid)
         return _decisive_voxels(solid, field, movable, min(margin, self._cell_change))
 
-    def _updated_solid(self, field: Values) -> Bools | None:
+    def _updated_solid(self, field: Values) -> Booleans | None:
         """The solid that has followed the field, or a nearer one that is found if it is time to search."""
         present = field > 0
         solid = None if self.solid is None else deform(self.solid, present)
@@ -157,7 +158,7 @@ def _is_border(regions: Regions) -> NDArray[np.bool_]:
     return highest != ndimage.minimum_filter(regions, size=3, mode="nearest")
 
 
-def _decisive_voxels(solid: Bools, field: Values, movable: Bools, margin: float) -> DecisiveVoxels:
+def _decisive_voxels(solid: Booleans, field: Values, movable: Booleans, margin: float) -> DecisiveVoxels:
     """Voxels short of the margin on the solid's side that are not simple in the solid."""
     short = movable & (np.where(solid, field, -field) < margin)
     padded = PaddedSolid(solid)

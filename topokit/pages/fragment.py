@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from topokit.core.arrays import Floats
 from topokit.errors import TopokitError
-from topokit.export.colors import Floats
 from topokit.export.picture import picture_of
 from topokit.export.scene import Mark, Scene, marks_of, scene_of
 from topokit.report.report import TopologyReport, environment, report_html

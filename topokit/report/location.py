@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
+from topokit.core.arrays import Floats
 from topokit.core.components import Corner
 from topokit.report.wording import plural, position
 
-Floats = NDArray[np.float64]
 Box = tuple[Corner, Corner]
 
 NOT_IN_JSON = {"json": False}

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from torch import Tensor
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.topology import mesh_topology
-from topokit.core.surface import Floats, Integers, TriangleSurface
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.report.report import TopologyReport, why
 from topokit.report.wording import plural

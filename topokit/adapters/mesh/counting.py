@@ -5,17 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.core.mesh.welding import equal_vertices, may_have_near, near_vertices
 from topokit.errors import FOR_POINTS, InputError
 from topokit.report.wording import plural
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _NEARLY_EQUAL = 1e-8  # share of the bounding box's diagonal within which vertices may be one rounded twice
 

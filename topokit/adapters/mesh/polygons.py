@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Integers
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 
-Integers = NDArray[np.int64]
 _FORMS = "(F, 3), (F, n) with −1 after the last corner of smaller polygons, or a list of lists"
 
 

@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.blocks.division import Box, Triple
 from topokit.core.blocks.planes import gather_nodes, join_planes, label_plane, number_roots, write_dense, write_runs
 from topokit.errors import InputError
 
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 NODE_COLUMNS = ("size", "first", "low x", "low y", "low z", "high x", "high y", "high z")
@@ -72,7 +71,7 @@ class Part:
     """
 
     nodes: Integers
-    is_six: Bools
+    is_six: Booleans
     walls: Integers
     dual: int
     faces: tuple[Faces, ...]
@@ -82,7 +81,7 @@ class Part:
         return replace(self, faces=())
 
 
-def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
+def count_part(is_six: Booleans, place: Triple, shape: Triple) -> Part:
     """The part of one block.
 
     Args:
@@ -111,7 +110,7 @@ def count_part(is_six: Bools, place: Triple, shape: Triple) -> Part:
     return forest.part(faces)
 
 
-def count_box(inside: Bools, box: Box, shape: Triple, connectivity: int) -> Part:
+def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> Part:
     """The part of one block of a volume, with the layer of background beyond each face that it shares with the volume.
 
     Args:
@@ -175,7 +174,7 @@ class _Forest:
         self._walls.append(part.walls)
         self._n_nodes, self._dual = new.stop, self._dual + part.dual
 
-    def label(self, is_six: Bools, place: Triple, shape: Triple, runs: Runs) -> None:
+    def label(self, is_six: Booleans, place: Triple, shape: Triple, runs: Runs) -> None:
         """Label the next plane of a block, its rows filled up to a multiple of 8, and write its runs."""
         self._reserve(is_six.size)
         where = np.array(place), np.array(shape)

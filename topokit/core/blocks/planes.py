@@ -11,12 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
 
-Bools = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]
-Integers = NDArray[np.int64]
 Labels = NDArray[np.int32]
 
 
@@ -40,7 +39,7 @@ def unite(parents: Labels, one: int, other: int) -> int:
 
 
 @compiled
-def _end_of_run(row: Bools, words: Words, start: int, n: int) -> int:
+def _end_of_run(row: Booleans, words: Words, start: int, n: int) -> int:
     """Where the run of a row of n voxels that starts there ends; eight voxels at a time where they are alike."""
     phase, stop = row[start], start + 1
     alike = np.uint64(0x0101010101010101 if phase else 0)
@@ -54,13 +53,13 @@ def _end_of_run(row: Bools, words: Words, start: int, n: int) -> int:
 
 @compiled
 def label_plane(
-    is_six: Bools,
+    is_six: Booleans,
     n: int,
     place: Integers,
     shape: Integers,
     parents: Labels,
     nodes: Integers,
-    phases: Bools,
+    phases: Booleans,
     n_nodes: int,
     labels: Labels,
     stops: Labels,

@@ -16,18 +16,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order
 from torch import Tensor
 
+from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.components import CountedComponents, genus_of
 from topokit.core.grid.grid import Grid
-
-Bools = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 _SHARES = 4  # cubes that every voxel face lies in; and eighths of half of χ in a χ of a surface
 
@@ -161,7 +158,7 @@ def _depths(parent: Integers) -> Integers:
     return depth
 
 
-def _solid_betti(parent: Integers, euler: Integers, voxels: Integers, is_solid: Bools) -> Integers:
+def _solid_betti(parent: Integers, euler: Integers, voxels: Integers, is_solid: Booleans) -> Integers:
     """Betti numbers (C, 3) of the components of the solid: its cavities are its children in the adjacency tree.
 
     χ of a component is half of χ of its walls, which are its own outer wall and those of its cavities.

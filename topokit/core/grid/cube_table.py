@@ -15,9 +15,9 @@ from functools import cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Integers
+
 Cycle = list[int]
 
 EDGES = tuple((corner, corner | bit) for bit in (4, 2, 1) for corner in range(8) if not corner & bit)

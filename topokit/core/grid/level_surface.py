@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.cube_table import EDGES, cube_triangles
 from topokit.core.grid.grid import Grid, occupied_box
 from topokit.core.surface import TriangleSurface
 
-Bools = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Locate = Callable[[Floats, Floats, Floats, Floats], Floats]
 """Shares (N,) of 0 … 1 at which the surface crosses grid edges, from their ends (N, 3) twice and the values there."""
 
@@ -63,7 +61,7 @@ def _padded(values: Tensor, box: list[tuple[int, int]]) -> NDArray[np.floating]:
     return np.pad(array, missing, constant_values=-np.inf)
 
 
-def _triangle_corners(inside: Bools, connectivity: int) -> Integers:
+def _triangle_corners(inside: Booleans, connectivity: int) -> Integers:
     """The grid edges (n,) on which the triangles' corners lie: 3 × the flat index of the lower end + the axis."""
     triangles, starts = cube_triangles(connectivity)
     _, n_y, n_z = inside.shape
@@ -83,7 +81,7 @@ def _triangle_corners(inside: Bools, connectivity: int) -> Integers:
     return np.concatenate(found)
 
 
-def _cases(inside: Bools) -> NDArray[np.uint8]:
+def _cases(inside: Booleans) -> NDArray[np.uint8]:
     """Which of the eight corners of every cell are inside, as bits."""
     x, y, z = (size - 1 for size in inside.shape)
     case = np.zeros((x, y, z), dtype=np.uint8)

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.handles.cycle_basis import CycleBasis, symmetric
 from topokit.core.mesh.connectivity import edge_keys
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 Parents = NDArray[np.signedinteger]  # of 32 or 64 bits
 
 _KEY_BITS = 40  # of random numbers: two classes share a key with a chance of 2⁻⁴⁰, and chosen loops are checked exactly

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import dijkstra
 
+from topokit.core.arrays import Integers
 from topokit.core.handles.annotated_graph import AnnotatedGraph, path_to_root
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

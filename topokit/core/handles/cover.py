@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Integers
 from topokit.core.handles.annotated_graph import AnnotatedGraph, candidates
-
-Integers = NDArray[np.int64]
 
 _SHEETS = 48  # copies of the graph: a knotted tube may have to be wound about that often, in both directions together
 

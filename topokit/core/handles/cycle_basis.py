@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.mesh.connectivity import MeshConnectivity, edge_keys, mesh_connectivity, next_corner
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 _SHORTEST = 1e-12  # of the longest edge: SciPy takes a length of zero for no edge
 

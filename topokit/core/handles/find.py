@@ -5,9 +5,9 @@ from __future__ import annotations
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.handles.cycle_basis import CycleBasis, edge_graph
 from topokit.core.handles.handle import Handle
 from topokit.core.handles.linking import decided_basis
@@ -17,9 +17,6 @@ from topokit.core.handles.surgery import Arrays
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import MeshTopology
 from topokit.errors import InputError
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
@@ -41,7 +38,7 @@ def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
     return sorted(found, key=attrgetter("size"))
 
 
-def _handles_of(mesh: Arrays, is_own: NDArray[np.bool_], component: int) -> list[Handle]:
+def _handles_of(mesh: Arrays, is_own: Booleans, component: int) -> list[Handle]:
     """The handles of one component, whose faces are given as a mask (F,)."""
     names, faces = np.unique(mesh[1][is_own], return_inverse=True)
     vertices, faces = mesh[0][names], faces.reshape(-1, 3)

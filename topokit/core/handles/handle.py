@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from topokit.core.arrays import Floats, Integers
 from topokit.core.components import Corner
 from topokit.core.handles.surgery import Arrays, without_loops
 
 if TYPE_CHECKING:
     import trimesh
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

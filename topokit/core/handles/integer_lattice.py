@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Integers
 
 
 class PrimitiveBasis:

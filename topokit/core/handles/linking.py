@@ -6,15 +6,11 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial.transform import Rotation
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.handles.cycle_basis import CycleBasis, EdgeGraph, cycle_basis
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _PAIRS = 1 << 21  # candidate pairs of segments held at once
 _TREES = 4  # trees whose loops are tried before a surface is taken to intersect itself

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from topokit.core.arrays import Floats, Integers
 from topokit.core.handles.find import find_handles
 from topokit.core.handles.handle import Handle
 from topokit.core.handles.surgery import Arrays, filled, without_loops
@@ -12,9 +10,6 @@ from topokit.core.labels import count_distinct
 from topokit.core.mesh.connectivity import mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.errors import InputError
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 def without_boundary(vertices: Floats, topology: MeshTopology) -> Arrays:

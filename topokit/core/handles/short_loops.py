@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Integers
 from topokit.core.handles.annotated_graph import (
     AnnotatedGraph,
     Candidates,
@@ -21,9 +21,6 @@ from topokit.core.handles.coarsening import coarsened
 from topokit.core.handles.cover import cover
 from topokit.core.handles.cycle_basis import CycleBasis
 from topokit.core.handles.integer_lattice import PrimitiveBasis
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 _CELLS = 20_000  # of the graph on which classes of loops are chosen: a second for a genus of 100
 _ROOTS = 3  # per loop of the first basis: places through which shorter loops are looked for

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.mesh.connectivity import mesh_connectivity
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _WHOLE = 50_000  # faces up to which the whole surface is taken instead of strips
 _FIRST_RINGS = 8  # of faces around a loop in the first strip; doubled while the loop leans on the strip's border

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.labels import connected_labels
 from topokit.core.mesh.connectivity import MeshConnectivity, edge_keys, mesh_connectivity, next_corner
 from topokit.core.mesh.topology import mesh_topology
 from topokit.errors import InputError
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 Arrays = tuple[Floats, Integers]
 
 _RECESSION = 0.1  # of the way to their neighbors that vertices of a cut draw back, so that its two caps do not coincide

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from topokit.core.homotopy.simple_points import Bools, PaddedSolid, is_simple
+from topokit.core.arrays import Booleans
+from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
 
 
-def deform(solid: Bools, target: Bools, connectivity: int | None = None) -> Bools:
+def deform(solid: Booleans, target: Booleans, connectivity: int | None = None) -> Booleans:
     """Deform a solid toward another one as far as its topology allows.
 
     Voxels of the same parity are not neighbors, so flipping all the simple ones among them at once is the same as

@@ -18,10 +18,10 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label
 
+from topokit.core.arrays import Booleans
 from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import critical_index
 from topokit.core.homotopy.deformation import deform
-from topokit.core.homotopy.simple_points import Bools
 
 Betti = tuple[int, int, int]
 Change = Literal["any", "add", "remove"]
@@ -37,10 +37,12 @@ _STAGES = 4  # maximum number of successive level shifts
 class _Candidate(NamedTuple):
     distance: int  # from the wanted Betti numbers, see `_betti_distance`
     cost: float  # see `cost`
-    solid: Bools
+    solid: Booleans
 
 
-def nearest_solid(field: Values, betti: Betti, change: Change = "any", connectivity: int | None = None) -> Bools | None:
+def nearest_solid(
+    field: Values, betti: Betti, change: Change = "any", connectivity: int | None = None
+) -> Booleans | None:
     """The solid with given Betti numbers that is nearest to {field > 0}, or None if none was found.
 
     The distance between solids is that of `cost`. The search is a heuristic: there may be a nearer solid.
@@ -78,7 +80,7 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
         yield _Candidate(_betti_distance(pruned, betti, connectivity), cost(field, pruned), pruned)
     for scale in _SCALES:
         smooth = gaussian_filter(tilted, scale, mode="nearest", truncate=3.0) if scale else tilted
-        best: dict[bool, tuple[int, Bools]] = {}
+        best: dict[bool, tuple[int, Booleans]] = {}
         for level in _candidate_levels(smooth, betti, change, connectivity or 6):
             raised = level > 0
             if raised in best and any(distance == 0 for distance, _ in best.values()):
@@ -93,7 +95,7 @@ def _candidates(field: Values, betti: Betti, change: Change, connectivity: int |
             yield _Candidate(distance, cost(field, solid), solid)
 
 
-def _prune(field: Values, betti: Betti, change: Change) -> Bools:
+def _prune(field: Values, betti: Betti, change: Change) -> Booleans:
     """The solid without its surplus components and cavities, those of least cost being dropped or filled."""
     solid = field > 0
     if change != "add":
@@ -106,7 +108,7 @@ def _prune(field: Values, betti: Betti, change: Change) -> Bools:
     return solid
 
 
-def _cheapest_labels(field: Values, labels: NDArray[np.int32], among: Sequence[int], number: int) -> Bools:
+def _cheapest_labels(field: Values, labels: NDArray[np.int32], among: Sequence[int], number: int) -> Booleans:
     """Voxels of that number of labels whose values have the least sum of squares."""
     if number <= 0:
         return np.zeros(field.shape, dtype=bool)
@@ -118,7 +120,7 @@ def _cheapest_labels(field: Values, labels: NDArray[np.int32], among: Sequence[i
     return chosen[labels]
 
 
-def cost(field: Values, solid: Bools) -> float:
+def cost(field: Values, solid: Booleans) -> float:
     """Sum of squares of the values that must change sign for {field > 0} to become the solid; inf on overflow."""
     with np.errstate(over="ignore"):
         return float(np.square(field[solid != (field > 0)], dtype=np.float64).sum())
@@ -164,7 +166,7 @@ def _tilt(field: Values) -> Values:
     return tilted
 
 
-def _betti_distance(solid: Bools, betti: Betti, connectivity: int | None) -> int:
+def _betti_distance(solid: Booleans, betti: Betti, connectivity: int | None) -> int:
     """Sum of differences from the wanted Betti numbers; for both connectivities the larger sum."""
     wanted = torch.tensor(betti)
     both = (6, 26) if connectivity is None else (connectivity,)

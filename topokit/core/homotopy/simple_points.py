@@ -17,10 +17,10 @@ from itertools import compress, product
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans
 from topokit.errors import InputError
 
 Codes = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 Indices = NDArray[np.signedinteger]
 Counts = NDArray[np.int8]
 
@@ -30,7 +30,7 @@ OFFSETS: Indices = np.array(list(product((-1, 0, 1), repeat=3)))
 _STEPS = np.abs(OFFSETS).sum(1)  # 1 across a face, 2 across an edge, 3 across a corner
 
 
-def _bits(chosen: Bools) -> np.int32:
+def _bits(chosen: Booleans) -> np.int32:
     """Code with the chosen bits set."""
     return np.int32(sum(1 << k for k in np.flatnonzero(chosen)))
 
@@ -51,18 +51,18 @@ class PaddedSolid:
         inside: (M,) uint8, 1 inside; writable.
     """
 
-    def __init__(self, solid: Bools) -> None:
+    def __init__(self, solid: Booleans) -> None:
         padded = np.pad(solid, 1)
         self._shape = padded.shape
         self.inside = padded.ravel().view(np.uint8)
         strides = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
         self._around: list[int] = (OFFSETS @ strides).tolist()
 
-    def solid(self) -> Bools:
+    def solid(self) -> Booleans:
         """The solid (X, Y, Z), a copy."""
         return self.inside.reshape(self._shape)[1:-1, 1:-1, 1:-1].astype(bool)
 
-    def indices(self, where: Bools) -> Indices:
+    def indices(self, where: Booleans) -> Indices:
         """Flat indices into `inside` of the voxels (X, Y, Z) that are True."""
         found = np.flatnonzero(np.pad(where, 1))
         return found if self.inside.size > np.iinfo(np.int32).max else found.astype(np.int32)
@@ -73,7 +73,7 @@ class PaddedSolid:
         x, y, z = ((number & 1).astype(np.int8) for number in (at // (n_y * n_z), at // n_z % n_y, at % n_z))
         return 4 * x + 2 * y + z
 
-    def on_surface(self, at: Indices, through_faces: bool) -> Bools:
+    def on_surface(self, at: Indices, through_faces: bool) -> Booleans:
         """Whether a neighbor is on the other side of the surface.
 
         A simple voxel always has such a neighbor: across a face if it is simple in both connectivities, else among the
@@ -93,7 +93,7 @@ class PaddedSolid:
         return codes
 
 
-def is_simple(codes: Codes, connectivity: int | None = None) -> Bools:
+def is_simple(codes: Codes, connectivity: int | None = None) -> Booleans:
     """Whether the middle voxel can be flipped without changing the solid's topology.
 
     Args:

@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Floats
 from topokit.core.draws import stratified_draw
 from topokit.core.grid.grid import Grid
 from topokit.core.linalg import normalize
 
-Floats = NDArray[np.float64]
 Evaluate = Callable[[Tensor], Tensor]
 ValueAndGradient = Callable[[Tensor], tuple[Tensor, Tensor]]
 _STEPS = 40

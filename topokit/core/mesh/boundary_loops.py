@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.connectivity import mesh_connectivity, next_corner
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 def mesh_boundary(vertices: Floats, faces: Integers) -> tuple[BoundaryLoop, ...]:

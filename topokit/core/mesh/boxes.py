@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
+from topokit.core.arrays import Floats, Integers
+
 Hashes = NDArray[np.uint64]
 
 _LEVELS = 20  # sizes of boxes told apart, each half the one before; what is smaller counts as the smallest

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Integers
 from topokit.core.labels import connected_labels
-
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +54,11 @@ class MeshConnectivity:
         """A closed manifold: every edge has two faces and every vertex one fan."""
         return bool((self.uses == 2).all()) and self.is_manifold
 
-    def some_half_edge(self, chosen: NDArray[np.bool_]) -> Integers:
+    def some_half_edge(self, chosen: Booleans) -> Integers:
         """One half-edge on each of the chosen edges."""
         return self.half_edges[self.starts[chosen]]
 
-    def ends(self, chosen: NDArray[np.bool_]) -> Integers:
+    def ends(self, chosen: Booleans) -> Integers:
         """The two vertices (n, 2) of each of the chosen edges."""
         half, corners = self.some_half_edge(chosen), self.faces.ravel()
         return np.stack((corners[half], corners[next_corner(half)]), axis=1)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.labels import connected_labels
 from topokit.core.loops import bounds_of
@@ -16,9 +16,6 @@ from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
 from topokit.core.mesh.topology import mesh_topology
 from topokit.errors import MissingDependencyError
 
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 DefectKind = Literal[
     "non-manifold edges",
     "pinched vertex",

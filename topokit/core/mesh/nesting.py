@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.mesh.boxes import boxes_around
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 
 def nesting(
-    vertices: Floats, faces: Integers, labels: Integers, shells: NDArray[np.bool_], low: Floats, high: Floats
+    vertices: Floats, faces: Integers, labels: Integers, shells: Booleans, low: Floats, high: Floats
 ) -> tuple[Integers, Integers]:
     """The innermost shell around every component, and how many are around it.
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import CountedComponents, genus_of
 from topokit.core.labels import compact_labels, connected_labels
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
 from topokit.core.mesh.nesting import nesting
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.labels import connected_labels
 from topokit.core.mesh.boxes import row_hashes
-
-Integers = NDArray[np.int64]
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _DIRECTION = np.array([0.5698, 0.6711, 0.4743])  # of no symmetry: distinct points rarely coincide along it
 

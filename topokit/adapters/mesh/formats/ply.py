@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.polygons import fans
+from topokit.core.arrays import Floats, Integers
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.ply import ply_elements
 
-Integers = NDArray[np.int64]
 _CORNERS = ("vertex_indices", "vertex_index")  # names of the list of corners
 _RESTART = -1  # in a strip: the next one begins
 
@@ -27,7 +27,7 @@ def is_plain(path: Path) -> bool:
     return is_text and b"tristrips" not in header and faces is not None and faces.group().count(b"property list") == 1
 
 
-def read_ply(path: Path) -> tuple[NDArray[np.float64], Integers]:
+def read_ply(path: Path) -> tuple[Floats, Integers]:
     """Vertices (V, 3) and triangles (F, 3), polygons cut into fans.
 
     Raises:

@@ -247,7 +247,7 @@ def test_a_worker_that_dies_costs_a_retry(dask_client: Any, tmp_path: Path, monk
     path = write(tmp_path / "cloud.npy", POINTS)
     deadly = DeadlyOnce(np.load(path, mmap_mode="r"))
     deadly.mark = tmp_path / "killed"
-    monkeypatch.setattr(large, "stored_file", lambda _: deadly)
+    monkeypatch.setattr(large, "stored_in", lambda *_: deadly)
     assert_same(tk.from_points(path, block_points=999, client=dask_client), expected(POINTS))
     assert int(deadly.mark.read_text()) != os.getpid()
 

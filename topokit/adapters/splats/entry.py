@@ -1,4 +1,4 @@
-"""How Gaussian splats are recognized; nothing that reads them is imported here."""
+"""The formats of Gaussian splats, and how they are recognized; nothing that reads them is imported here."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import os
 import re
 import zlib
 from pathlib import Path
-from typing import Literal
 
-from topokit.inputs.files import GZIP, ZIP, head, member_names
+from topokit.inputs.files import GZIP, ZIP, member_names
+from topokit.inputs.formats import Format, is_certainly, suffixes_of
 from topokit.inputs.ply_header import ply_kind, ply_properties
 from topokit.plugins.adapter import Adapter
 
-Format = Literal["ply", "compressed ply", "splat", "spz", "sog", "ksplat"]
 SPZ = b"NGSP"
 _KSPLAT_HEADER = 4096  # bytes
 
@@ -20,7 +19,7 @@ _KSPLAT_HEADER = 4096  # bytes
 def is_splats(source: Path) -> bool:
     """Whether the content is a splat format; an .splat, which is bare numbers, is known by its suffix only."""
     path = scene_file(source)
-    return path.is_file() and format_by_content(path) is not None
+    return path.is_file() and is_certainly(FORMATS, path)
 
 
 def scene_file(source: str | os.PathLike[str]) -> Path:
@@ -29,18 +28,11 @@ def scene_file(source: str | os.PathLike[str]) -> Path:
     return path / "meta.json" if (path / "meta.json").is_file() else path
 
 
-def format_by_content(path: Path) -> Format | None:
-    """The splat format that a file's content shows, or None."""
-    start = head(path)
-    if ply_kind(start) == "splats":
-        return "compressed ply" if b"packed_position" in ply_properties(start) else "ply"
+def _is_sog(path: Path, start: bytes) -> bool:
+    """Whether this is an archive with a meta.json, or a meta.json with the tables of a scene."""
     if start.startswith(ZIP):
-        return "sog" if _is_sog_archive(path) else None
-    if re.match(rb"\s*\{", start):
-        return "sog" if b'"means"' in start and b'"quats"' in start else None
-    if _is_spz(start):
-        return "spz"
-    return "ksplat" if _is_ksplat(start) else None
+        return _is_sog_archive(path)
+    return re.match(rb"\s*\{", start) is not None and b'"means"' in start and b'"quats"' in start
 
 
 def _is_sog_archive(path: Path) -> bool:
@@ -51,7 +43,7 @@ def _is_sog_archive(path: Path) -> bool:
     return any(name.rpartition("/")[2] == "meta.json" for name in names)
 
 
-def _is_spz(start: bytes) -> bool:
+def _is_spz(path: Path, start: bytes) -> bool:
     """Plain or gzipped."""
     if not start.startswith(GZIP):
         return start.startswith(SPZ)
@@ -61,16 +53,31 @@ def _is_spz(start: bytes) -> bool:
         return False
 
 
-def _is_ksplat(start: bytes) -> bool:
+def _is_ksplat(path: Path, start: bytes) -> bool:
     """Version 0.1, compression level 0 to 2, and a header that is otherwise full of zeros."""
     is_known = len(start) >= _KSPLAT_HEADER and start[:4] == b"\0\1\0\0" and start[20] <= 2
     return is_known and not any(start[44:_KSPLAT_HEADER])
 
 
+def _is_compressed(path: Path, start: bytes) -> bool:
+    """Whether a .ply file holds splats in packed form."""
+    return ply_kind(start) == "splats" and b"packed_position" in ply_properties(start)
+
+
+_HERE = "topokit.adapters.splats.formats"
+FORMATS = (
+    Format("compressed ply", (), _is_compressed, f"{_HERE}.compressed_ply:read_compressed_ply"),
+    Format("ply", (".ply",), lambda path, start: ply_kind(start) == "splats", f"{_HERE}.ply:read_ply"),
+    Format("spz", (".spz",), _is_spz, f"{_HERE}.spz:read_spz"),
+    Format("sog", (".sog",), _is_sog, f"{_HERE}.sog:read_sog"),
+    Format("ksplat", (".ksplat",), _is_ksplat, f"{_HERE}.ksplat:read_ksplat"),
+    Format("splat", (".splat",), lambda path, start: False, f"{_HERE}.splat:read_splat"),  # bare numbers
+)
+
 SPLATS = Adapter(
     name="splats",
     description="Gaussian splats; for .sog also its unzipped folder",
-    suffixes=(".ply", ".splat", ".spz", ".sog", ".ksplat"),
+    suffixes=suffixes_of(FORMATS),
     can_open=is_splats,
     types=("topokit.adapters.splats.gaussians.GaussianSplats", "torch.nn.ParameterDict", "builtins.dict"),
     extra="topokit[splats]",

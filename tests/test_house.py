@@ -14,17 +14,14 @@ import topokit
 
 ROOT = Path(topokit.__file__).parent
 FLOORS = [
-    {"text"},
-    {"errors", "ending"},
-    {"inputs"},
-    {"core"},
+    {"text", "errors", "ending"},
+    {"inputs", "core"},
     {"report", "export"},
     {"pages"},
     {"shape"},
     {"plugins", "losses"},
-    {"adapters"},
-    {"testing", "batch", "repair"},
-    {"cli"},
+    {"adapters", "testing", "batch"},
+    {"repair", "cli"},
 ]
 CORE_FLOORS = [
     {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}

@@ -32,18 +32,23 @@ class Memory:
     def set_state(self, state: dict[str, Any]) -> None:
         """Remember what `get_state` returned."""
         for name in self.remembers:
-            own = getattr(self, name)
-            parts = own if isinstance(own, list) else [own] if isinstance(own, Memory) else []
-            if not parts:
-                setattr(self, name, state[name])
-            for part, its in zip(parts, state[name] if isinstance(own, list) else [state[name]], strict=bool(parts)):
-                part.set_state(its)
+            setattr(self, name, _restored(getattr(self, name), state[name]))
 
 
 def _state_of(value: Any) -> Any:
     if isinstance(value, list):
         return [_state_of(part) for part in value]
     return value.get_state() if isinstance(value, Memory) else value
+
+
+def _restored(value: Any, state: Any) -> Any:
+    """What an attribute becomes by what `_state_of` it was."""
+    if isinstance(value, list):
+        return [_restored(part, its) for part, its in zip(value, state, strict=True)]
+    if isinstance(value, Memory):
+        value.set_state(state)
+        return value
+    return state
 
 
 class KnownValues(Memory):

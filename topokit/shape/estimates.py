@@ -1,6 +1,6 @@
 """The differentiable questions to a shape: curvature and the Euler characteristic, as integer and estimates.
 
-They are methods of `Shape`.
+The functions without an underscore are methods of `Shape`.
 """
 
 from __future__ import annotations

@@ -96,3 +96,4 @@ def test_no_second_bar_is_drawn(
 
 def test_time_left() -> None:
     assert [time_left(5, 0), time_left(5, 0.25), time_left(60, 0.1)] == ["", "about 15 s left", "about 9 min left"]
+    assert time_left(5, 1) == "", "what is counted after the last grid takes its time"

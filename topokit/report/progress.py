@@ -111,8 +111,8 @@ def _drawn(many: bool) -> Progress | None:
 
 
 def time_left(seconds: float, share: float) -> str:
-    """About how long the rest takes, by the seconds that a share of the whole took; nothing if that is none."""
-    if share == 0:
+    """About how long the rest takes, by the seconds that a share of the whole took; nothing if that is none or all."""
+    if share in (0, 1):
         return ""
     left = seconds * (1 - share) / share
     return f"about {left:.0f} s left" if left < 90 else f"about {left / 60:.0f} min left"

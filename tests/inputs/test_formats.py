@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from topokit.adapters.mesh.entry import FORMATS as OF_MESHES
 from topokit.adapters.points.entry import FORMATS as OF_POINTS
 from topokit.adapters.splats.entry import FORMATS as OF_SPLATS
 from topokit.adapters.voxels.entry import FORMATS as OF_VOLUMES
@@ -16,14 +17,14 @@ from topokit.inputs.files import head
 from topokit.inputs.formats import Format, Formats, format_of, is_certainly, stored_in
 
 
-@pytest.mark.parametrize("row", [*OF_POINTS, *OF_VOLUMES, *OF_SPLATS], ids=lambda row: row.name)
+@pytest.mark.parametrize("row", [*OF_MESHES, *OF_POINTS, *OF_VOLUMES, *OF_SPLATS], ids=lambda row: row.name)
 def test_every_row_has_a_reader(row: Format) -> None:
     named = [name for name in (row.read, row.stored) if name is not None]
     assert named
     assert all(callable(pkgutil.resolve_name(name)) for name in named)
 
 
-@pytest.mark.parametrize("formats", [OF_POINTS, OF_VOLUMES, OF_SPLATS])
+@pytest.mark.parametrize("formats", [OF_MESHES, OF_POINTS, OF_VOLUMES, OF_SPLATS])
 def test_each_suffix_belongs_to_one_row(formats: Formats) -> None:
     suffixes = [suffix for row in formats for suffix in row.suffixes]
     assert len(set(suffixes)) == len(suffixes)

@@ -25,7 +25,7 @@ class Format(NamedTuple):
         read: the function of a path that reads a file as a whole, as "package.module:function"; None if `stored` does.
         stored: likewise what gives something that can be read part by part, or None for files that cannot; other
             arguments are passed on. None if no file of this format can be read so.
-        requires: module that must be installed.
+        requires: modules that must be installed.
         is_certain: whether a file of this format is of this representation beyond doubt, by the same; None if all are.
     """
 
@@ -34,7 +34,7 @@ class Format(NamedTuple):
     recognizes: Recognizer
     read: str | None = None
     stored: str | None = None
-    requires: str | None = None
+    requires: tuple[str, ...] = ()
     is_certain: Recognizer | None = None
 
 
@@ -49,6 +49,16 @@ def begins(*starts: bytes) -> Recognizer:
 def called(*suffixes: str) -> Recognizer:
     """A recognizer of files with one of these suffixes, also before .gz."""
     return lambda path, beginning: path.name.lower().removesuffix(".gz").endswith(suffixes)
+
+
+def never(path: Path, beginning: bytes) -> bool:
+    """A recognizer of nothing: of formats that only their suffix tells, and of content that many have."""
+    return False
+
+
+def by_suffix(formats: Formats, path: Path) -> Format | None:
+    """The format whose suffix a file has, or None: for files whose content is that of no format."""
+    return next((one for one in formats if path.suffix.lower() in one.suffixes), None)
 
 
 def format_of(formats: Formats, path: Path, beginning: bytes) -> Format | None:
@@ -88,4 +98,4 @@ def suffixes_of(formats: Iterable[Format]) -> tuple[str, ...]:
 
 def requirements_of(formats: Iterable[Format]) -> tuple[tuple[str, str], ...]:
     """(suffix, module) pairs, as `Adapter.suffix_requires` has them."""
-    return tuple((suffix, one.requires) for one in formats if one.requires for suffix in one.suffixes)
+    return tuple((suffix, module) for one in formats for module in one.requires for suffix in one.suffixes)

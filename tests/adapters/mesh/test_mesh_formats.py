@@ -322,3 +322,22 @@ def test_gradients_reach_the_vertices_of_other_libraries() -> None:
 
 def test_files_that_are_streams_are_of_the_mesh_they_hold() -> None:
     assert tk.load(io.BytesIO(binary_stl(80)), format="stl").report().euler == 2
+
+
+@pytest.mark.parametrize("suffix", ["stl", "stl_ascii", "off", "ply", "glb", "3mf"])
+def test_a_mesh_is_read_by_its_content_whatever_its_name(suffix: str, tmp_path: Path) -> None:
+    """What content alone recognizes is read by content alone, too."""
+    if suffix == "3mf":
+        pytest.importorskip("lxml")
+        pytest.importorskip("networkx")
+    content = trimesh.Trimesh(*torus_mesh(12, 8), process=False).export(file_type=suffix)
+    path = tmp_path / "torus"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    options = {"adapter": "mesh", "format": "stl"} if suffix == "stl" else {}  # binary STL has no beginning of its own
+    assert tk.load(path, **options).report().euler == 0
+
+
+def test_a_name_and_content_of_no_format_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_text("hello")
+    with pytest.raises(ReadError, match=r"a\.bin is no mesh .* \.obj, \.off"):
+        tk.from_mesh(tmp_path / "a.bin")

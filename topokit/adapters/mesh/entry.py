@@ -1,25 +1,15 @@
-"""How triangle meshes are recognized; nothing that reads them is imported here."""
+"""The formats of triangle meshes, and how they are recognized; nothing that reads them is imported here."""
 
 from __future__ import annotations
 
 import re
+from functools import partial
 from pathlib import Path
 
-from topokit.inputs.files import ZIP, head
+from topokit.inputs.files import ZIP
+from topokit.inputs.formats import Format, begins, is_certainly, never, requirements_of, suffixes_of
 from topokit.inputs.ply_header import ply_kind
 from topokit.plugins.adapter import Adapter
-
-
-def is_mesh(source: Path) -> bool:
-    """Whether the content is a mesh: 3MF, STL as text, OFF, glTF or a .ply with faces."""
-    start = head(source)
-    if start.startswith(ZIP):
-        return b"3D/" in start or b"[Content_Types].xml" in start
-    if start.startswith(b"solid"):
-        return b"facet" in start
-    is_off = re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None
-    return is_off or start.startswith(b"glTF") or ply_kind(start) == "mesh"
-
 
 # Suffixes of finite-element files, and the modules of meshio that read them.
 FINITE_ELEMENTS = {
@@ -36,20 +26,53 @@ FINITE_ELEMENTS = {
     ".ugrid": "ugrid",
 }
 
+
+def _may_be_off(path: Path, start: bytes) -> bool:
+    """Whether a file begins with one of the words of OFF, perhaps in small letters."""
+    return re.match(rb"\s*(ST)?C?N?4?n?OFF", start, re.IGNORECASE) is not None
+
+
+def _is_off(path: Path, start: bytes) -> bool:
+    return re.match(rb"\s*(ST)?(C)?(N)?(4)?(n)?OFF\b", start) is not None
+
+
+def _is_ply(path: Path, start: bytes) -> bool:
+    return ply_kind(start) == "mesh"
+
+
+def _is_3mf(path: Path, start: bytes) -> bool:
+    """Whether an archive is one of those of office programs and 3MF."""
+    return b"3D/" in start or b"[Content_Types].xml" in start
+
+
+_HERE = "topokit.adapters.mesh.files"
+FORMATS = (
+    Format("OBJ", (".obj",), never, f"{_HERE}:read_obj"),
+    Format("OFF", (".off",), _may_be_off, f"{_HERE}:read_off_file", is_certain=_is_off),
+    Format("PLY", (".ply",), begins(b"ply"), f"{_HERE}:read_ply_file", is_certain=_is_ply),
+    Format("STL", (".stl",), lambda path, start: start.startswith(b"solid") and b"facet" in start, f"{_HERE}:read_stl"),
+    Format("glTF", (".glb", ".gltf"), begins(b"glTF"), f"{_HERE}:read_gltf"),
+    Format(
+        *("finite elements", tuple(FINITE_ELEMENTS), lambda path, start: b"<VTKFile" in start[:1024]),
+        "topokit.adapters.mesh.formats.finite_elements:read_finite_elements",
+        requires=("meshio",),
+        is_certain=never,
+    ),
+    Format("3MF", (".3mf",), begins(ZIP), f"{_HERE}:read_3mf", requires=("lxml", "networkx"), is_certain=_is_3mf),
+    Format("DAE", (".dae",), never, f"{_HERE}:read_dae", requires=("collada",)),
+)
+
 MESH = Adapter(
     name="mesh",
     description="triangle meshes",
-    suffixes=(".obj", ".off", ".ply", ".stl", ".glb", ".gltf", ".3mf", ".dae", *FINITE_ELEMENTS),
-    can_open=is_mesh,
+    suffixes=suffixes_of(FORMATS),
+    can_open=partial(is_certainly, FORMATS),
     types=(
         *("trimesh.Trimesh", "trimesh.Scene", "meshio.Mesh", "vedo.Mesh", "kaolin.rep.SurfaceMesh"),
         *("pyvista.PolyData", "pyvista.UnstructuredGrid", "pytorch3d.structures.Meshes"),
     ),
     extra="topokit[formats]",
-    suffix_requires=(
-        *((".3mf", "lxml"), (".3mf", "networkx"), (".dae", "collada")),
-        *((suffix, "meshio") for suffix in FINITE_ELEMENTS),
-    ),
+    suffix_requires=requirements_of(FORMATS),
     differentiable=True,
     opener="topokit.adapters.mesh.adapter:from_mesh",
 )

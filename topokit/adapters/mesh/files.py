@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import io
-import re
+import pkgutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.mesh.entry import FINITE_ELEMENTS
-from topokit.adapters.mesh.formats.finite_elements import read_finite_elements
+from topokit.adapters.mesh.entry import FORMATS, MESH
 from topokit.adapters.mesh.formats.gltf import check_gltf
 from topokit.adapters.mesh.formats.obj import bare_obj
 from topokit.adapters.mesh.formats.off import read_off
 from topokit.adapters.mesh.formats.ply import is_plain, read_ply
-from topokit.adapters.mesh.formats.stl import counted_stl, is_binary_stl
+from topokit.adapters.mesh.formats.stl import counted_stl
 from topokit.adapters.mesh.formats.three_mf import check_3mf
 from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.scenes import load_flattened
 from topokit.errors import FOR_POINTS, MissingDependencyError, ReadError
 from topokit.inputs.files import head
+from topokit.inputs.formats import by_suffix, format_of
 from topokit.inputs.ply import check_header
 from topokit.inputs.reading import quiet, reading
 
@@ -42,17 +44,10 @@ def read_mesh(path: Path) -> Mesh:
         ReadError: if the file cannot be read or holds no triangle.
         MissingDependencyError: if the format needs a package that is not there.
     """
-    kind = _file_type(path, head(path))
-    if kind == "off":
-        with reading(path, "the OFF reader"):
-            vertices, faces = read_off(path)
-    elif f".{kind}" in FINITE_ELEMENTS:
-        vertices, faces = read_finite_elements(path, FINITE_ELEMENTS[f".{kind}"])
-    elif kind == "ply" and not is_plain(path):
-        with reading(path, "the PLY reader"):
-            vertices, faces = read_ply(path)
-    else:
-        vertices, faces = _through_trimesh(path, kind)
+    found = format_of(FORMATS, path, head(path)) or by_suffix(FORMATS, path)
+    if found is None:
+        raise ReadError(f"{path} is no mesh by its content or its suffix. Known: {', '.join(MESH.suffixes)}.")
+    vertices, faces = pkgutil.resolve_name(str(found.read))(path)
     if len(faces) == 0:
         raise ReadError(f"{path} holds no triangles. A mesh was expected; for points use ", FOR_POINTS, ".")
     if vertices.ndim != 2 or vertices.shape[1] != 3:
@@ -60,50 +55,56 @@ def read_mesh(path: Path) -> Mesh:
     return vertices, faces
 
 
-def _through_trimesh(path: Path, kind: str) -> Mesh:
-    with reading(path, f"the {kind.upper()} reader"):
-        content = _prepared(path, kind)
-    errors: tuple[type[Exception], ...] = (*_OF_TRIMESH, *_of_collada()) if kind == "dae" else _OF_TRIMESH
-    with quiet("trimesh"), reading(path, "trimesh", *errors, extra="topokit[formats]"):
-        mesh = load_flattened(content, kind, path)
-        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+def read_off_file(path: Path) -> Mesh:
+    """By lines."""
+    with reading(path, "the OFF reader"):
+        return read_off(path)
 
 
-def _prepared(path: Path, kind: str) -> Path | io.BytesIO:
-    """The file as trimesh reads it rightly; what it would misread is refused."""
-    if kind == "obj":
-        return bare_obj(path)
-    if kind == "stl" and is_binary_stl(path):
-        return counted_stl(path)
-    if kind in ("glb", "gltf"):
-        check_gltf(path)
-    if kind == "3mf":
-        check_3mf(path)
-    if kind == "ply":
+def read_ply_file(path: Path) -> Mesh:
+    """Through trimesh where that is quick and right."""
+    if is_plain(path):
         check_header(path)
-    if kind == "dae":
-        refuse_entities(path)
-    return path
+        return _through_trimesh(path, "ply")
+    with reading(path, "the PLY reader"):
+        return read_ply(path)
 
 
-def _of_collada() -> tuple[type[Exception], ...]:
+def read_gltf(path: Path) -> Mesh:
+    """Through trimesh, if it is not compressed."""
+    return _through_trimesh(path, "glb" if head(path).startswith(b"glTF") else "gltf", check_gltf)
+
+
+def read_dae(path: Path) -> Mesh:
+    """Through pycollada and trimesh."""
     try:
         from collada.common import DaeError
     except ImportError as error:
         raise MissingDependencyError('Reading .dae needs pycollada: pip install "topokit[formats]".') from error
-    return (DaeError,)
+    return _through_trimesh(path, "dae", refuse_entities, (*_OF_TRIMESH, DaeError))
 
 
-def _file_type(path: Path, beginning: bytes) -> str:
-    """What the content says, else the suffix."""
-    if re.match(rb"\s*(C|N)?OFF", beginning, re.IGNORECASE):
-        return "off"
-    if beginning.startswith(b"ply"):
-        return "ply"
-    if beginning.startswith(b"glTF"):
-        return "glb"
-    if b"<VTKFile" in beginning[:1024]:
-        return "vtu"
-    if beginning.startswith(b"PK\x03\x04"):
-        return "3mf"
-    return path.suffix.lower().removeprefix(".")
+def _through_trimesh(
+    path: Path,
+    kind: str,
+    prepare: Callable[[Path], Path | io.BytesIO | None] = lambda path: path,
+    damaged: tuple[type[Exception], ...] = _OF_TRIMESH,
+) -> Mesh:
+    """A file as trimesh reads it.
+
+    Args:
+        path: the file.
+        kind: the format, as the suffix without its dot.
+        prepare: refuses what trimesh would misread, and gives what it reads rightly instead of the file, if need be.
+        damaged: what it raises on damaged files.
+    """
+    with reading(path, f"the {kind.upper()} reader"):
+        content = prepare(path) or path
+    with quiet("trimesh"), reading(path, "trimesh", *damaged, extra="topokit[formats]"):
+        mesh = load_flattened(content, kind, path)
+        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+
+
+read_obj = partial(_through_trimesh, kind="obj", prepare=bare_obj)
+read_stl = partial(_through_trimesh, kind="stl", prepare=counted_stl)
+read_3mf = partial(_through_trimesh, kind="3mf", prepare=check_3mf)

@@ -8,7 +8,7 @@ from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 from topokit.inputs.files import BEGINNINGS, ZIP
-from topokit.inputs.formats import Format, begins, called, is_certainly, requirements_of, suffixes_of
+from topokit.inputs.formats import Format, begins, called, is_certainly, never, requirements_of, suffixes_of
 from topokit.inputs.numpy_header import numpy_kind
 from topokit.inputs.ply_header import ply_kind
 from topokit.inputs.unpacking import unpacked
@@ -59,22 +59,22 @@ FORMATS = (
         *("PLY", (".ply",), begins(b"ply"), f"{_HERE}.files:read_ply", f"{_HERE}.files:ply_cloud"),
         is_certain=lambda path, beginning: ply_kind(beginning) == "points",
     ),
-    Format("LAS", (".las", ".laz"), begins(b"LASF"), stored=f"{_HERE}.las:LasCloud", requires="laspy"),
-    Format("parquet", (".parquet",), begins(b"PAR1"), stored=f"{_HERE}.parquet:ParquetCloud", requires="pyarrow"),
+    Format("LAS", (".las", ".laz"), begins(b"LASF"), stored=f"{_HERE}.las:LasCloud", requires=("laspy",)),
+    Format("parquet", (".parquet",), begins(b"PAR1"), stored=f"{_HERE}.parquet:ParquetCloud", requires=("pyarrow",)),
     Format(
         *("NPY", (".npy",), begins(BEGINNINGS[".npy"]), f"{_HERE}.files:read_npy", f"{_HERE}.files:npy_cloud"),
         is_certain=_are_points,
     ),
     Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_are_points),
-    Format("PCD", (".pcd",), lambda path, start: is_pcd(start), f"{_HERE}.files:read_pcd", requires="pypcd4"),
-    Format("E57", (".e57",), begins(b"ASTM-E57"), f"{_HERE}.files:read_e57", requires="pye57"),
+    Format("PCD", (".pcd",), lambda path, start: is_pcd(start), f"{_HERE}.files:read_pcd", requires=("pypcd4",)),
+    Format("E57", (".e57",), begins(b"ASTM-E57"), f"{_HERE}.files:read_e57", requires=("pye57",)),
     Format(
         *("OBJ", (), called(".obj"), f"{_HERE}.files:read_obj"),  # the suffix is that of meshes
         is_certain=lambda path, beginning: is_obj_cloud(path),
     ),
     Format(
         *("text", TEXT, called(*TEXT), f"{_HERE}.text:read_text", f"{_HERE}.text:text_cloud"),
-        is_certain=lambda path, beginning: False,
+        is_certain=never,
     ),
 )
 

@@ -8,7 +8,7 @@ import zlib
 from pathlib import Path
 
 from topokit.inputs.files import GZIP, ZIP, member_names
-from topokit.inputs.formats import Format, is_certainly, suffixes_of
+from topokit.inputs.formats import Format, is_certainly, never, suffixes_of
 from topokit.inputs.ply_header import ply_kind, ply_properties
 from topokit.plugins.adapter import Adapter
 
@@ -71,7 +71,7 @@ FORMATS = (
     Format("spz", (".spz",), _is_spz, f"{_HERE}.spz:read_spz"),
     Format("sog", (".sog",), _is_sog, f"{_HERE}.sog:read_sog"),
     Format("ksplat", (".ksplat",), _is_ksplat, f"{_HERE}.ksplat:read_ksplat"),
-    Format("splat", (".splat",), lambda path, start: False, f"{_HERE}.splat:read_splat"),  # bare numbers
+    Format("splat", (".splat",), never, f"{_HERE}.splat:read_splat"),  # bare numbers
 )
 
 SPLATS = Adapter(

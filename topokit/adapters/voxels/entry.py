@@ -40,10 +40,10 @@ def _is_metaimage(path: Path, start: bytes) -> bool:
     return is_image and b"DimSize" in start and b"ElementDataFile" in start
 
 
-def _holds_dicom(folder: Path) -> bool:
-    """Whether one of the first files of a folder is DICOM; a meta.json or an unreadable folder is another's."""
+def _is_dicom(folder: Path, start: bytes) -> bool:
+    """Whether this is DICOM, or a folder of whose first files one is; a meta.json or an unreadable one is another's."""
     if not folder.is_dir():
-        return False
+        return is_dicom(start)
     try:
         names = sorted(os.listdir(folder))[:_LOOKED_AT]
         return any(is_dicom(head(folder / name, 132)) for name in names if (folder / name).is_file())
@@ -64,16 +64,18 @@ FORMATS = (
         is_certain=_is_volume,
     ),
     Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_is_volume),
-    Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires="nibabel"),
-    Format("NRRD", (".nrrd", ".nhdr"), begins(b"NRRD0"), f"{_HERE}.medical:read_nrrd", requires="nrrd"),
+    Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires=("nibabel",)),
+    Format("NRRD", (".nrrd", ".nhdr"), begins(b"NRRD0"), f"{_HERE}.medical:read_nrrd", requires=("nrrd",)),
     Format(
         *("TIFF", (".tif", ".tiff"), begins(b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),
-        *(f"{_HERE}.tiff:read_tiff", None, "tifffile"),
+        *(f"{_HERE}.tiff:read_tiff", None, ("tifffile",)),
     ),
-    Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", "zarr"),
-    Format("DICOM", (".dcm",), lambda path, start: is_dicom(start) or _holds_dicom(path), _ITK, requires="SimpleITK"),
-    Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires="SimpleITK"),
-    Format(*("HDF5", (".h5", ".hdf5"), begins(b"\x89HDF\r\n\x1a\n"), None, f"{_HERE}.stored_files:hdf_volume", "h5py")),
+    Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", ("zarr",)),
+    Format("DICOM", (".dcm",), _is_dicom, _ITK, requires=("SimpleITK",)),
+    Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires=("SimpleITK",)),
+    Format(
+        *("HDF5", (".h5", ".hdf5"), begins(b"\x89HDF\r\n\x1a\n"), None, f"{_HERE}.stored_files:hdf_volume", ("h5py",))
+    ),
 )
 
 VOXELS = Adapter(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.mesh.entry import FINITE_ELEMENTS
 from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.polygons import triangles
 from topokit.errors import MissingDependencyError, ReadError
@@ -18,12 +19,8 @@ from topokit.inputs.reading import reading
 _VOLUMES = (b"STRUCTURED_POINTS", b"STRUCTURED_GRID", b"RECTILINEAR_GRID")
 
 
-def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def read_finite_elements(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (V, 3) and triangles (F, 3): surface cells as they are; of solid cells the faces that bound the solid.
-
-    Args:
-        path: an existing file.
-        format_name: the module of meshio that reads it.
 
     Raises:
         ReadError: if the file is malformed.
@@ -33,6 +30,7 @@ def read_finite_elements(path: Path, format_name: str) -> tuple[NDArray[np.float
         import meshio
     except ImportError as error:
         raise MissingDependencyError(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".') from error
+    format_name = FINITE_ELEMENTS.get(path.suffix.lower(), "vtu")  # the content of others is XML of VTK
     refuse_entities(path)
     _refuse_other_data(path)
     if format_name == "abaqus":

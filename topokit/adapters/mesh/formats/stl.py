@@ -14,7 +14,7 @@ _CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")  # letters that text does not
 _UNKNOWN = (0, 0xFFFFFFFF)  # counts of programs that write triangles as they come, and never go back
 
 
-def is_binary_stl(path: Path) -> bool:
+def _is_binary(path: Path) -> bool:
     """Whether this is no STL as text, which begins with "solid" as some binary ones do."""
     beginning = head(path, 1024)
     return beginning.lstrip()[:5].lower() != b"solid" or b"\0" in beginning
@@ -23,9 +23,13 @@ def is_binary_stl(path: Path) -> bool:
 def counted_stl(path: Path) -> Path | io.BytesIO:
     """The file, or its bytes with the right count: where the header leaves it open, or bytes follow the triangles.
 
+    STL as text has no count.
+
     Raises:
         ReadError: if the file is text or truncated, or holds fewer triangles than it announces, or more.
     """
+    if not _is_binary(path):
+        return path
     size, start = path.stat().st_size, head(path, _HEADER)
     if start.isascii() and not _CONTROLS.search(start):
         raise ReadError(

@@ -11,7 +11,7 @@ from topokit.adapters.splats.entry import FORMATS, SPLATS
 from topokit.adapters.splats.formats.table import CONVERTER, SplatTable
 from topokit.errors import UnknownFormatError
 from topokit.inputs.files import head
-from topokit.inputs.formats import Format, format_of
+from topokit.inputs.formats import Format, by_suffix, format_of
 from topokit.inputs.reading import reading
 from topokit.inputs.unpacking import unpacked
 
@@ -45,9 +45,8 @@ def _format_by_suffix(path: Path) -> Format:
             f"{path} is a .ply file without Gaussian splats (no scale_0, rot_0 … or packed_position); "
             "open it with topokit.load, from_mesh or from_points."
         )
-    for one in FORMATS:
-        if suffix in one.suffixes:
-            return one
+    if (found := by_suffix(FORMATS, path)) is not None:
+        return found
     raise UnknownFormatError(
         f"{path}: neither {repr(suffix) if suffix else 'its name'} nor its content is a known splat format. "
         f"Known: {', '.join(SPLATS.suffixes)}, or the folder of an unzipped .sog. {CONVERTER}"

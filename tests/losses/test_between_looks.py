@@ -59,7 +59,7 @@ SOURCES: dict[str, Callable[[Tensor], Tensor | tk.Shape]] = {
 
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize("name", LOSSES)
-def test_no_visit_between_looks(name: str, source: str) -> None:
+def test_no_visit_between_tracks(name: str, source: str) -> None:
     loss, weight = LOSSES[name](), torch.ones((), requires_grad=True)
     with as_on_accelerator():
         first = loss(SOURCES[source](weight), 0.05)
@@ -75,7 +75,7 @@ def test_no_visit_between_looks(name: str, source: str) -> None:
 
 @pytest.mark.parametrize("genus", [0, 1])
 @pytest.mark.parametrize("source", ["field", "network"])
-def test_nan_between_looks_gives_nan_and_the_next_look_refuses_it(source: str, genus: int) -> None:
+def test_nan_between_tracks_gives_nan_and_the_next_look_refuses_it(source: str, genus: int) -> None:
     loss = tk.TopologyLoss(genus=genus, search=SearchOptions(evaluate_every=2))
     sound, broken = torch.ones(()), torch.tensor(torch.nan)
     with as_on_accelerator():
@@ -152,8 +152,8 @@ def test_the_topology_loss_evaluates_near_the_level_and_where_voxels_decide_what
     ring.bump.data.fill_(0.7)
     near, whole = (tk.TopologyLoss(genus=1, change="remove") for _ in range(2))
     for step in range(5):
-        for look in whole.tracker._looks:
-            look.known._known = None  # so that all is evaluated
+        for track in whole.tracker._tracks:
+            track.known._known = None  # so that all is evaluated
         expected = whole(ring.shape(), 0.5)
         shape = ring.shape()
         ring.n_points = 0

@@ -125,16 +125,16 @@ def test_the_state_of_another_goal_is_refused() -> None:
     assert "((1, 1, 0), (), 'add')" in str(caught.value)
 
 
-def test_looks_are_kept_for_a_grid_and_forgotten_for_another() -> None:
+def test_tracks_are_kept_for_a_grid_and_forgotten_for_another() -> None:
     loss = tk.TopologyLoss(genus=0)
     loss(TORUS, 0.05)
-    known = loss.tracker._looks[0]
+    known = loss.tracker._tracks[0]
     loss(TORUS + 0.01, 0.05)
-    assert loss.tracker._looks[0] is known
+    assert loss.tracker._tracks[0] is known
     other = torus(grid(16), 0.5, 0.25)
     assert loss(other, 0.05) == tk.topology_loss(other, 0, 0.05)
-    assert loss.tracker._looks[0] is not known
+    assert loss.tracker._tracks[0] is not known
     loss(torch.stack([TORUS, -TORUS]), 0.05)
-    assert len(loss.tracker._looks) == 2
+    assert len(loss.tracker._tracks) == 2
     loss.reset()
-    assert loss.tracker._looks == []
+    assert loss.tracker._tracks == []

@@ -57,7 +57,7 @@ class SurfaceComponent:
 class CountedComponents(Sequence[SurfaceComponent]):
     """The components of a counted surface, held as arrays with one row each.
 
-    A sequence of `SurfaceComponent`, each of which is made when it is asked for: a million components cost 120 bytes
+    A sequence of `SurfaceComponent`, each made when it is needed: a million components cost 120 bytes
     each.
 
     Attributes:

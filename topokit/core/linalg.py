@@ -194,7 +194,7 @@ def _smallest_eigenvector_value(matrix: Tensor) -> Tensor:
         O. K. Smith, Eigenvalues of a symmetric 3 × 3 matrix, CACM 4 (1961), doi:10.1145/355578.366316.
     """
     flat = matrix.reshape(-1, 3, 3)
-    if stays_on_device(matrix):  # which matrices are decomposed below, only a look can tell
+    if stays_on_device(matrix):  # which matrices are decomposed below depends on their values
         return eigenvector_by_rotations(flat).reshape(matrix.shape[:-1])
     identity = torch.eye(3, dtype=matrix.dtype, device=matrix.device)
     deviation = flat - trace(flat)[:, None, None] / 3 * identity

@@ -18,7 +18,7 @@ def full_precision(work: Callable[Arguments, Result]) -> Callable[Arguments, Res
     """Decorator: the function runs as if `torch.autocast` were off.
 
     Autocast rounds the factors of matrix products to half precision: three digits are too few for differences between
-    neighboring points, and too few to tell on which side of its level a field is.
+    neighboring points, and too few to decide on which side of its level a field is.
     """
 
     @wraps(work)

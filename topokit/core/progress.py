@@ -1,7 +1,7 @@
-"""How far a long computation is: what it does names its stages, and a listener hears which share is done.
+"""How far a long computation is: it names its stages, and a listener gets the share that is done.
 
-The computation announces `stages`, says when one of them begins, and may `advance` within it. Somebody else shows that:
-`listening` sets who hears of the stages that begin in a block and thread. Nobody does by default.
+The computation announces `stages`, says when one of them begins, and may `advance` within it. `listening`
+sets what is called with that in a block and thread; by default nothing is.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _course: ContextVar[_Course | None] = ContextVar("course", default=None)
 
 @contextmanager
 def listening(listener: Listener) -> Iterator[None]:
-    """Let a listener hear of the stages that begin in this block and thread."""
+    """Call a listener with the stages that begin in this block and thread."""
     token = _listener.set(listener)
     try:
         yield
@@ -44,12 +44,12 @@ def listening(listener: Listener) -> Iterator[None]:
 
 
 def has_listener() -> bool:
-    """Whether somebody listens here."""
+    """Whether there is a listener here."""
     return _listener.get() is not None
 
 
 def ignore(stage: str, share: float) -> None:
-    """A `Listener` that shows nothing, so that nobody else shows it either."""
+    """A `Listener` that shows nothing, and keeps others from it."""
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Whether work on a tensor must not visit the host: always on accelerators, on the CPU when that is asked for."""
+"""Whether to avoid synchronization with the host: always on accelerators, on the CPU in tests."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def as_on_accelerator() -> Iterator[None]:
     """Context in which tensors on the CPU are treated as those on accelerators are.
 
     Neighbors are searched in torch operations instead of SciPy's KD-tree, and samples are not checked for NaN, which
-    would be a look at the device: NaN in gives NaN out. For tests, on machines without an accelerator. Take the
+    would synchronize with the device: NaN in gives NaN out. For tests, on machines without an accelerator. Take the
     backward pass inside, too: it repeats parts of the forward pass.
 
     Example:

@@ -35,7 +35,7 @@ class SurfaceSamples:
     Raises:
         InputError: on wrong shapes, types or devices, and on the CPU for values that are not finite, or points that
             span so much or so little that areas and curvature leave the range of their type. On accelerators the values
-            are not looked at, which would interrupt the work there: NaN in gives NaN out.
+            are not checked, which would synchronize with the host: NaN in gives NaN out.
     """
 
     points: Tensor

@@ -12,7 +12,7 @@ from topokit.core.grid.field import Field
 from topokit.losses.checks import check_finite, check_tau
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.source import Source, plain_field
-from topokit.losses.tracker import CriticalLook, SearchOptions, Tracker, checked_search
+from topokit.losses.tracker import CriticalTrack, SearchOptions, Tracker, checked_search
 
 
 class EulerLoss(FieldLoss):
@@ -58,14 +58,14 @@ class EulerLoss(FieldLoss):
         self.target = float(target)
         self.tracker: Tracker | None = None
         if search is not None:
-            self.tracker = Tracker(checked_search(search), partial(CriticalLook, search.search_every))
+            self.tracker = Tracker(checked_search(search), partial(CriticalTrack, search.search_every))
 
     def forward(self, source: Source, tau: float | None = None) -> Tensor:
         """The loss.
 
         Args:
             source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field
-                (from_sdf, from_occupancy, from_voxels), of which only the critical grid points are evaluated with a
+                (from_sdf, from_occupancy, from_voxels), only whose critical grid points are evaluated with a
                 graph; or a shape with oriented samples (points, splats, batches of them), whose
                 winding-number field is used.
             tau: scale of the levels over which χ is averaged, in units of the field. By default half the field's

@@ -19,7 +19,7 @@ from topokit.losses.checks import check_choice, check_count, check_tau
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.guard import ComponentGuard, Guard, margin_loss
 from topokit.losses.source import Source
-from topokit.losses.tracker import SearchOptions, SolidLook, Tracker, checked_search
+from topokit.losses.tracker import SearchOptions, SolidTrack, Tracker, checked_search
 
 DEFAULT_SEARCH = SearchOptions()
 
@@ -110,8 +110,8 @@ class TopologyLoss(FieldLoss):
         check_choice("change", change, ("any", "add", "remove"))
         self.goal = Goal.of(genus, components, cavities)
         self.change: Change = change
-        new_look = partial(_new_look, self.goal, change, checked_search(search).search_every)
-        self.tracker = Tracker(search, new_look, (self.goal.betti, self.goal.by_component, change))
+        new_track = partial(_new_track, self.goal, change, checked_search(search).search_every)
+        self.tracker = Tracker(search, new_track, (self.goal.betti, self.goal.by_component, change))
 
     def reset(self) -> None:
         """Forget the nearest solids, and the grid around samples."""
@@ -123,7 +123,7 @@ class TopologyLoss(FieldLoss):
 
         Args:
             source: (..., X, Y, Z) floating-point field, positive inside, on any device; or a shape with a field
-                (from_sdf, from_occupancy, from_voxels), of which only the decisive grid points are evaluated with a
+                (from_sdf, from_occupancy, from_voxels), only whose decisive grid points are evaluated with a
                 graph; or a shape with oriented samples (points, splats, batches of them), whose
                 winding-number field is used.
             tau: distance from the level, in units of the field, that decisive voxels must have; voxels farther than the
@@ -132,8 +132,8 @@ class TopologyLoss(FieldLoss):
         Returns:
             0-d tensor, or (...) with reduction "none"; at least single precision. Zero once the topology is right by
             that margin, and where no solid of the wanted topology is in reach; then there is a warning, too.
-            Differentiable at fixed decisive voxels; finite for infinite and constant fields. Between looks (see
-            `SearchOptions.evaluate_every`) NaN gives NaN.
+            Differentiable at fixed decisive voxels; finite for infinite and constant fields. Between
+            evaluations of the whole field (see `SearchOptions.evaluate_every`) NaN gives NaN.
 
         Raises:
             InputError: for another kind of source, a tau that is not positive, no tau where the field has one sign, or
@@ -169,11 +169,11 @@ class TopologyLoss(FieldLoss):
         )
 
 
-def _new_look(goal: Goal, change: Change, search_every: int) -> SolidLook:
-    """A look at a field of which nothing is known."""
+def _new_track(goal: Goal, change: Change, search_every: int) -> SolidTrack:
+    """The track of a field about which nothing is known."""
     if goal.by_component:
-        return SolidLook(ComponentGuard(goal.by_component, change, search_every), search_every)
-    return SolidLook(Guard(goal.betti, change, search_every), search_every)
+        return SolidTrack(ComponentGuard(goal.by_component, change, search_every), search_every)
+    return SolidTrack(Guard(goal.betti, change, search_every), search_every)
 
 
 def _caller_stacklevel() -> int:

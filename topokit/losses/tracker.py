@@ -58,25 +58,25 @@ Found = tuple[Tensor, Tensor]
 """Grid vertices (M, 3) that decide about a field, and a weight (M,) for each."""
 
 
-class Look(Memory, ABC):
-    """What decides about one field, as it was when the field was last looked at.
+class Track(Memory, ABC):
+    """What decides about one field, as of its last evaluation.
 
     Attributes:
         found: the deciding vertices, or None if there are none in reach; on the device of the field.
-        default_tau: the default τ of the field if the last look needed it, else None.
+        default_tau: the default τ of the field if the last evaluation needed it, else None.
     """
 
     remembers: ClassVar[tuple[str, ...]] = ("known", "found", "default_tau")
 
     def __init__(self, search_every: int) -> None:
-        """Args: search_every: looks from one at all values of a function to the next."""
+        """Args: search_every: evaluations from one of all values of a function to the next."""
         self.known = KnownValues(search_every)
         self.found: Found | None = None
         self.default_tau: float | None = None
 
     @abstractmethod
     def update(self, field: Field, tau: float | None, item: str) -> None:
-        """Look at the field as it is now.
+        """Evaluate the field as it is now.
 
         Args:
             field: on the same grid in every call.
@@ -89,28 +89,28 @@ class Look(Memory, ABC):
         return tau or self.default_tau or 0.0
 
 
-class CriticalLook(Look):
+class CriticalTrack(Track):
     """The critical vertices of a field and their index, for the Euler loss."""
 
     def update(self, field: Field, tau: float | None, item: str) -> None:
-        """See `Look.update`."""
+        """See `Track.update`."""
         values = self.known.update(field, tau)
         self._tau(values, tau)
         self.found = field.critical_vertices(values)
 
 
-class SolidLook(Look):
+class SolidTrack(Track):
     """The decisive voxels of a field and their sides, for the topology loss."""
 
-    remembers = (*Look.remembers, "guard")
+    remembers = (*Track.remembers, "guard")
 
     def __init__(self, guard: Guard | ComponentGuard, search_every: int) -> None:
-        """Args: guard: of this field; search_every: as for `Look`."""
+        """Args: guard: of this field; search_every: as for `Track`."""
         super().__init__(search_every)
         self.guard = guard
 
     def update(self, field: Field, tau: float | None, item: str) -> None:
-        """See `Look.update`; raises InputError if the field is NaN somewhere."""
+        """See `Track.update`; raises InputError if the field is NaN somewhere."""
         # not as far as τ reaches: margins end within a cell of the level, and beyond it only decisive voxels move
         values = self.known.update(field, None, None if self.found is None else self.found[0])
         on_host = at_least_single(values).cpu().numpy()
@@ -120,12 +120,12 @@ class SolidLook(Look):
 
 
 class Tracker(nn.Module):
-    """One look for each field of a batch, made every few calls. Its memory is in the `state_dict`."""
+    """A track for each field of a batch, updated every few calls. Its memory is in the `state_dict`."""
 
-    def __init__(self, options: SearchOptions, make_look: Callable[[], Look], goal: object = None) -> None:
-        """Args: options: how often to do what; make_look: of a new field; goal: what the looks are for."""
+    def __init__(self, options: SearchOptions, make_track: Callable[[], Track], goal: object = None) -> None:
+        """Args: options: how often to do what; make_track: of a new field; goal: what the tracks are for."""
         super().__init__()
-        self.options, self.goal, self._make_look = options, goal, make_look
+        self.options, self.goal, self._make_track = options, goal, make_track
         self.reset()
 
     def reset(self) -> None:
@@ -133,9 +133,9 @@ class Tracker(nn.Module):
         self._start([])
 
     def _start(self, grids: list[Grid]) -> None:
-        """New looks for fields on these grids."""
+        """New tracks for fields on these grids."""
         self._grids = grids
-        self._looks = [self._make_look() for _ in grids]
+        self._tracks = [self._make_track() for _ in grids]
         self._n_calls = 0
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
@@ -144,20 +144,20 @@ class Tracker(nn.Module):
         grids = [field.grid for field in fields]
         if grids != self._grids:
             self._start(grids)
-        lacks_tau = tau is None and any(look.default_tau is None for look in self._looks)
+        lacks_tau = tau is None and any(track.default_tau is None for track in self._tracks)
         if self._n_calls % self.options.evaluate_every == 0 or lacks_tau:
-            for number, (look, field) in enumerate(zip(self._looks, fields, strict=True)):
-                look.update(field, tau, f" of batch item {number}" if len(fields) > 1 else "")
-        for look, field in zip(self._looks, fields, strict=True):
-            look.found = look.found and (look.found[0].to(field.device), look.found[1].to(field.device))
-        self._n_calls += 1  # a look that failed is still due
-        return [(look.found, tau or look.default_tau or 0.0) for look in self._looks]
+            for number, (track, field) in enumerate(zip(self._tracks, fields, strict=True)):
+                track.update(field, tau, f" of batch item {number}" if len(fields) > 1 else "")
+        for track, field in zip(self._tracks, fields, strict=True):
+            track.found = track.found and (track.found[0].to(field.device), track.found[1].to(field.device))
+        self._n_calls += 1  # an evaluation that failed is still due
+        return [(track.found, tau or track.default_tau or 0.0) for track in self._tracks]
 
     def get_extra_state(self) -> dict[str, Any]:
         """What has been found so far, for the `state_dict`: tensors, numbers and containers only."""
-        looks = [look.get_state() for look in self._looks]
+        tracks = [track.get_state() for track in self._tracks]
         grids = [asdict(grid) for grid in self._grids]
-        return {"goal": self.goal, "grids": grids, "looks": looks, "n_calls": self._n_calls}
+        return {"goal": self.goal, "grids": grids, "tracks": tracks, "n_calls": self._n_calls}
 
     def set_extra_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_extra_state` returned.
@@ -171,8 +171,8 @@ class Tracker(nn.Module):
                 f"this one is for {self.goal}. Make the loss with the same goal, or leave its state out."
             )
         self._start([Grid(**grid) for grid in state["grids"]])
-        for look, its in zip(self._looks, state["looks"], strict=True):
-            look.set_state(its)
+        for track, its in zip(self._tracks, state["tracks"], strict=True):
+            track.set_state(its)
         self._n_calls = state["n_calls"]
 
 
@@ -183,6 +183,6 @@ def _check_numbers(values: Values, item: str) -> None:
         first = tuple(np.argwhere(is_nan)[0].tolist())
         raise InputError(
             f"the field{item} is NaN at {np.count_nonzero(is_nan)} of {values.size} grid points, the first at "
-            f"index {first}. Look for weights that are NaN; where NaN means background, put -inf: "
+            f"index {first}. Track for weights that are NaN; where NaN means background, put -inf: "
             "field.masked_fill(field.isnan(), -math.inf)."
         )

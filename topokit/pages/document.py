@@ -38,7 +38,7 @@ class Entry:
 
 
 def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title: str | None = None) -> None:
-    """Write a page with a table of shapes, each of which opens in a 3D view; a single shape is shown at once.
+    """Write a page with a table of shapes that open in a 3D view; a single shape is shown at once.
 
     The page needs no other file and no network. Entries are written as they come, so memory does not grow with their
     number. The file appears under its name only when it is complete.

@@ -96,7 +96,7 @@ def webp(picture: NDArray[np.uint8]) -> bytes:
 def pack(scene: Scene) -> bytes:
     """A scene in gzip: length of the header (4 bytes), the header as JSON, then arrays, each from a multiple of 4.
 
-    The header tells the lowest corner and the size of the box, the limit of the colors, the marks, and for each array
+    The header holds the lowest corner and the size of the box, the limit of the colors, the marks, and for each array
     its name, type and number of values. Coordinates are 16-bit steps of the box; curvatures are bytes, ±127 at the
     limits. All numbers are little-endian.
     """

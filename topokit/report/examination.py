@@ -43,7 +43,7 @@ class Examination:
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
-            neighbors: returns what `neighbors` would find, if someone else knows it.
+            neighbors: returns what `neighbors` would find, if that is known already.
         """
         self.samples = samples
         self._known_closed = known_closed

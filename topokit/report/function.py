@@ -21,7 +21,7 @@ def function_answer(
 
     Args:
         found: counts on grids of growing resolution.
-        has_distance: whether values tell how far the level set is (see `unseen.carries_distance`).
+        has_distance: whether values are about the distance from the level set (see `unseen.carries_distance`).
         components: closed surfaces on the grid that was kept.
         low: lowest corner of the box.
         high: highest corner of the box.

@@ -96,23 +96,23 @@ class Location:
 
     def lines(self) -> tuple[str, ...]:
         """What the text of a report says: handles and boundaries one by one while they are few, defects by kind."""
-        told = [
+        lines = [
             f"Handle at {_at(one.center, one.bounds)}: {one.handle_length:.4g} around the handle, "
             f"{one.tunnel_length:.4g} around the tunnel."
             for one in self.handles[:_MOST_TOLD]
         ]
-        told += _more(len(self.handles), "handle", "handles")
-        told += [
+        lines += _more(len(self.handles), "handle", "handles")
+        lines += [
             f"Boundary at {_at(one.center, one.bounds)}: {one.length:.4g} long." for one in self.boundaries[:_MOST_TOLD]
         ]
-        told += _more(len(self.boundaries), "boundary", "boundaries")
+        lines += _more(len(self.boundaries), "boundary", "boundaries")
         for kind, count in Counter(defect.kind for defect in self.defects).items():
             first = next(defect for defect in self.defects if defect.kind == kind)
-            told.append(
+            lines.append(
                 f"Defects, {kind}: at {plural(count, 'place')}, the largest with {plural(first.faces, 'face')} at "
                 f"{_at(first.center, first.bounds)}."
             )
-        return (*told, *self.notes)
+        return (*lines, *self.notes)
 
 
 def middle(bounds: Box) -> Corner:

@@ -74,7 +74,7 @@ class Bar:
 def progress_bar(names: Sequence[str], patience: float | None = None) -> Iterator[Bar]:
     """A bar for the time of the block, if standard error can draw; it listens to the stages that begin in the block.
 
-    There is one bar at a time: where somebody listens already, no other is drawn.
+    There is one bar at a time: where there is a listener already, no other is drawn.
 
     Args:
         names: of what is examined, in order; none for no bar.

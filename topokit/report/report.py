@@ -193,8 +193,8 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
 def plain(value: Any) -> Any:
     """Records as dictionaries, sequences as lists, numbers that are not finite as None."""
     if is_dataclass(value) and not isinstance(value, Sequence):
-        told = (one.name for one in fields(value) if one.metadata.get("json", True))
-        return {name: plain(getattr(value, name)) for name in told}
+        named = (one.name for one in fields(value) if one.metadata.get("json", True))
+        return {name: plain(getattr(value, name)) for name in named}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [plain(one) for one in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

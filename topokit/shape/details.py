@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> TopologyReport:
     """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
 
-    Sentences tell the estimates, and the solid where it differs from the mesh.
+    Sentences state the estimates, and the solid where it differs from the mesh.
 
     Args:
         report: to be completed.

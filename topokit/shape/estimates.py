@@ -31,7 +31,7 @@ def curvature(shape: Shape, n_neighbors: int | None = None, **methods: Unpack[Cu
     Args:
         n_neighbors: number of nearest neighbors; the shape's own by default. If that is None, 20, or as many as the
             noise calls for, up to 320: it is measured, on the CPU, against quadrics in some hundred neighborhoods
-            (see `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` tells.
+            (see `topokit.core.local.neighborhood_size`). `len(curvature.neighbors[0])` is the number.
         **methods: `solver` ("sylvester", "symmetrized", "plain" or "commuting"), `area_method` ("exact" or
             "monte-carlo"), `area_resolution` (side of the Monte Carlo grid) and `normal_method` ("quadric", or the
             paper's "pca", whose curvature errs more on clean samples: by 12 % instead of 2 % on 10 000 random

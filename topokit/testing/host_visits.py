@@ -139,7 +139,7 @@ def _has_mask(index: Sequence[Tensor | None]) -> bool:
 
 
 def _is_fill(name: str, args: tuple[Any, ...]) -> bool:
-    """Whether one number is written where a mask is true: that is done in place, without a look."""
+    """Whether one number is written where a mask is true: that is done in place, without synchronization."""
     return name != "index" and args[2].numel() == 1 and not args[2].requires_grad
 
 

@@ -119,7 +119,7 @@ def candidates(graph: AnnotatedGraph, root: int, limit: float = np.inf) -> Candi
     Args:
         graph: with keys.
         root: a node.
-        limit: only nodes within this distance are looked at.
+        limit: only nodes within this distance are searched.
 
     Reference:
         Erickson and Whittlesey, Greedy optimal homotopy and homology generators, SODA 2005.

@@ -13,7 +13,7 @@ from topokit.core.handles.annotated_graph import AnnotatedGraph, path_to_root
 
 @dataclass(frozen=True, eq=False)
 class Coarsening:
-    """A graph of cells, every edge of which stands for a path between two centers.
+    """A graph of cells; every edge stands for a path between two centers.
 
     Attributes:
         fine: the graph with a node for each vertex.

@@ -120,7 +120,7 @@ def edge_graph(vertices: Floats, faces: Integers, mesh: MeshConnectivity | None 
 def cycle_basis(graph: EdgeGraph, root: int = 0) -> CycleBasis:
     """Cut a surface open along a tree of shortest paths and a dual tree of the faces.
 
-    Of the edges outside the first tree the dual one prefers those that close long loops, so that the edges left over
+    The dual tree prefers edges outside the first tree that close long loops, so that the edges left over
     close short ones: it is the shortest system of loops through the root.
 
     Args:

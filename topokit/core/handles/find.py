@@ -23,7 +23,7 @@ def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
     """The handles of a closed mesh, smallest first.
 
     The loops of each side are a basis of the classes that bound there; both together are a basis of all. Each component
-    is looked at as if the others were not there.
+    is treated as if the others were not there.
 
     Args:
         vertices: (V, 3).

@@ -17,7 +17,7 @@ _TREES = 4  # trees whose loops are tried before a surface is taken to intersect
 
 
 def decided_basis(vertices: Floats, graph: EdgeGraph) -> tuple[CycleBasis, Integers] | None:
-    """A basis of loops and the matrix that tells on which side each class bounds; None if that is not defined.
+    """A basis of loops and the matrix of the side on which each class bounds; None if that is not defined.
 
     It is not defined where a surface passes through itself. If it does so in few places only, most loops keep clear of
     them, so loops of several trees are tried.
@@ -68,7 +68,7 @@ def crossing_numbers(points: Floats, basis: CycleBasis) -> csr_array:
     """Signed crossings (E, E) of the edges of loops under the arcs of dual loops, seen along z.
 
     The arc of an edge leads from the center of the face on its right through its midpoint to the center of the face on
-    its left, pushed outward by next to nothing. Only edges and arcs that occur in the basis are looked at.
+    its left, pushed outward by next to nothing. Only edges and arcs that occur in the basis count.
 
     Args:
         points: (V, 3) vertices in general position to the direction of view.

@@ -62,7 +62,7 @@ def simplified(vertices: Floats, faces: Integers, below: float) -> Arrays:
 def _apart(handles: list[Handle]) -> list[Integers]:
     """The shorter loops of as many handles as do not meet each other, the shortest first.
 
-    Of every handle there is one at most, so they are part of a basis and do not separate the surface.
+    There is at most one of every handle, so they are part of a basis and do not separate the surface.
     """
     taken: set[int] = set()
     chosen: list[Integers] = []

@@ -49,7 +49,7 @@ def _geodesic(solver: Any, loop: Integers) -> Floats:
 
 
 def _with_area(vertices: Floats, faces: Integers) -> Floats:
-    """Vertices of which those of faces without area are moved by next to nothing: flips need triangles."""
+    """Vertices; those of faces without area are moved by next to nothing: flips need triangles."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.linalg.norm(sides, axis=2)

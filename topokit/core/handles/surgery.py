@@ -16,7 +16,7 @@ _RECESSION = 0.1  # of the way to their neighbors that vertices of a cut draw ba
 
 
 def without_loops(vertices: Floats, faces: Integers, loops: list[Integers]) -> Arrays:
-    """A closed mesh cut along loops and capped, each of which raises χ by two.
+    """A closed mesh cut along loops and capped; each loop raises χ by two.
 
     Args:
         vertices: (V, 3).

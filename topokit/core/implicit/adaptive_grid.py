@@ -1,7 +1,7 @@
 """Evaluation of a field on a fine grid only near its zero set: coarse to fine, of the whole grid or of a box of it.
 
 Which vertices are evaluated does not depend on the order in which that is done, so a box knows what the whole grid
-knows there as soon as it has been told where the zero set led from outside.
+knows there as soon as it has got the places where the zero set led from outside.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ from topokit.core.implicit.box_counts import (
 from topokit.core.progress import advance, begin
 
 MOST_VERTICES = 1 << 21  # in a box: small ones are more often far from the surface; smaller ones repeat more
-_SPARE = 1.05  # factor on the change expected over a cell, from the coarser grid, up to which values are looked at
+_SPARE = 1.05  # factor on the change expected over a cell, from the coarser grid, up to which values count
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from topokit.core.implicit.unseen import lone_vertices
 ReachedFaces = tuple[tuple[bool, bool], ...]
 
 _DROPPED_BITS = 15  # of a change in single precision: 8 of its mantissa stay, which is 0.4 %
-_CHUNK = 1 << 18  # critical vertices looked at together, with their 26 neighbors
+_CHUNK = 1 << 18  # critical vertices classified together, with their 26 neighbors
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def count_box(refined: Refined, box: Box, window: float, finds_lone: bool = Fals
         refined: the field in a box that has one more vertex on all sides where the grid has one; three more to find
             lone vertices.
         box: of the grid.
-        window: values up to this distance from 0 are looked at for critical ones.
+        window: values up to this distance from 0 are searched for critical ones.
         finds_lone: whether to find lone vertices.
     """
     field, shape = refined.field, refined.field.grid.shape

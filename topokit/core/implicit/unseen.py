@@ -17,7 +17,7 @@ _PLATEAU_SHARE = 0.1  # of the far cells on either side that may be so near the 
 _APART = 2  # cells around which no sign changes
 _STEPS = 6  # of Newton's method
 _DIFFERENCE = 1 / 16  # of a cell, between the points of a difference quotient and the place it is for
-_MOST_PLACES = 4096  # that are looked at
+_MOST_PLACES = 4096  # that are examined
 
 
 def carries_distance(values: Tensor) -> bool:
@@ -73,7 +73,7 @@ def count_unseen(evaluate: Evaluate, grid: Grid, lone: Tensor, nearest: float) -
     Args:
         evaluate: the field, as for `adaptive_grid.dense_field`.
         grid: that of the vertices.
-        lone: (M,) flat indices, as of `lone_vertices`; of many, some that are evenly spread are looked at.
+        lone: (M,) flat indices, as of `lone_vertices`; where there are many, evenly spread ones are examined.
         nearest: |F| that counts as reached.
     """
     if not len(lone):

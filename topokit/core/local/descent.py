@@ -47,7 +47,7 @@ class Trial:
     Attributes:
         samples: (..., N, 3).
         value: their χ, (...).
-        error: largest |χ − χ*| over the batch, 0-d on the device of the samples, so that nobody has to wait for it.
+        error: largest |χ − χ*| over the batch, 0-d on the device of the samples, without synchronization.
     """
 
     samples: SurfaceSamples
@@ -56,7 +56,7 @@ class Trial:
 
 
 def either(condition: Tensor, first: Trial, second: Trial) -> Trial:
-    """The first trial where a 0-d condition is true, else the second; decided on the device, without a look at it."""
+    """The first trial where a 0-d condition is true, else the second, without synchronization with the host."""
 
     def chosen(one: Tensor | None, other: Tensor | None) -> Tensor | None:
         return None if one is None or other is None else torch.where(condition, one, other)

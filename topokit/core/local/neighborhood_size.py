@@ -12,14 +12,14 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.quadric import TERMS, fit_quadrics
 
 _SIZES = (20, 28, 40, 57, 80, 113, 160, 226, 320)  # numbers of neighbors that are tried, √2 apart
-_PROBES = 400  # neighborhoods that are looked at, evenly spread over the rows: medians within about 5 %
+_PROBES = 400  # neighborhoods that are measured, evenly spread over the rows: medians within about 5 %
 # That of the Weingarten map over as many neighbors is 2.5 times smaller. With this limit the error of K on ellipsoid
 # and torus at 0.25 % to 1 % noise is within a factor of 1.4 of the least over all k (docs/paper-tables.md).
 _NOISE = 0.15  # largest standard error of a quadric's curvature, as a share of it
 # Noise is everywhere, while edges and corners, which quadrics do not fit either, leave some neighborhoods alone.
 _QUIETEST = 0.1  # share of the neighborhoods, the quietest, that gives the noise
 _TWO_SHEETS = 2.2  # median kurtosis of heights below which they are those of two sheets: 1 for thin ones, 3 for noise
-_ENOUGH = 40  # neighbors from which kurtosis is looked at: of fewer, the fit itself takes up the tails
+_ENOUGH = 40  # neighbors from which kurtosis is measured: the fit to fewer takes up the tails
 _REACH = 1.0  # radius of a neighborhood times the curvature from which a quadric no longer describes it
 _FLAT = 0.01  # noise in sample spacings that is taken for none, however flat the surface
 

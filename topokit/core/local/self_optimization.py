@@ -133,7 +133,7 @@ def self_optimize(
         neighbors: (..., N, k) indices if they are known; they stay fixed throughout.
 
     Returns:
-        `Refinement`, outside the autograd graph: the corrections are constants for whoever differentiates the result.
+        `Refinement`, outside the autograd graph: the corrections are constants in derivatives of the result.
 
     Raises:
         InputError: for an unknown variable or step, or if look_every is not an integer of at least 1.

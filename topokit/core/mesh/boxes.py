@@ -12,7 +12,7 @@ from topokit.core.arrays import Floats, Integers
 
 Hashes = NDArray[np.uint64]
 
-_LEVELS = 20  # sizes of boxes told apart, each half the one before; what is smaller counts as the smallest
+_LEVELS = 20  # sizes of boxes that are distinguished, each half the one before; what is smaller counts as the smallest
 _PAIRS = 1 << 21  # candidate pairs held at once
 _MULTIPLIER = np.uint64(0x9E3779B97F4A7C15)  # 2⁶⁴ divided by the golden ratio, odd
 
@@ -29,7 +29,7 @@ def boxes_around(
         points: (P, d).
         low: (B, d) lowest corners of the boxes, which belong to them.
         high: (B, d) highest corners, which do as well.
-        point_groups: (P,) only boxes of the same group are looked at.
+        point_groups: (P,) only boxes of the same group are tested.
         box_groups: (B,)
 
     Yields:

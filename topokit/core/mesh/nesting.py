@@ -14,7 +14,7 @@ def nesting(
     """The innermost shell around every component, and how many are around it.
 
     A component is taken to be inside where its bounding box is and its first vertex is. Only pairs whose boxes are
-    nested are looked at.
+    nested are tested.
 
     Args:
         vertices: (V, 3).
@@ -74,7 +74,7 @@ def winding_numbers(
 
     Returns:
         (P,): 1 inside and 0 outside an outward surface without self-intersections, −1 inside an inward one, and halves
-        at points of the surface itself. Only faces whose shadow's box holds the point's are looked at.
+        at points of the surface itself. Only faces whose shadow's box holds the point's are tested.
     """
     corners = vertices[faces]
     low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)

@@ -14,8 +14,7 @@ from intact_files import FLAT
 import topokit as tk
 from topokit.errors import ReadError
 from topokit.inputs.files import existing_file, head
-from topokit.inputs.numpy_header import array_shapes, numpy_kind
-from topokit.inputs.ply_header import ply_kind
+from topokit.inputs.headers import array_shapes, numpy_kind, ply_kind
 
 HEADER = b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n"
 

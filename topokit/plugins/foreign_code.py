@@ -82,11 +82,11 @@ def check_adapter(found: object, name: str) -> Adapter:
         raise AdapterError(f"it is {_kind(found)}; expected a subclass of topokit.Adapter.")
     with foreign_code("it cannot be made without arguments"):
         adapter = found() if isinstance(found, type) else found
-    for attribute, is_right, expected in _CHECKS:
-        value = getattr(adapter, attribute, None)
-        if not is_right(value):
-            verb = "are" if attribute.endswith("s") else "is"
-            raise AdapterError(f"its {attribute} {verb} {value!r}; expected {expected}.")
+    for attributes, is_right, expected in _CHECKS:
+        for attribute in attributes:
+            if not is_right(value := getattr(adapter, attribute, None)):
+                verb = "are" if attribute.endswith("s") else "is"
+                raise AdapterError(f"its {attribute} {verb} {value!r}; expected {expected}.")
     if adapter.name != name:
         raise AdapterError(f"it is registered as {name!r}, but its name is {adapter.name!r}; the two must agree.")
     if adapter.opener is None and type(adapter).open is Adapter.open:
@@ -159,26 +159,27 @@ def _are_suffixes(values: Any) -> bool:
     return _are_strings(values) and all(value.startswith(".") and value == value.lower() for value in values)
 
 
-_FUNCTION = "a function, or its name as 'package.module:function'"
-_CHECKS: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
-    ("name", lambda value: isinstance(value, str), "a string"),
-    ("description", lambda value: isinstance(value, str), "a string"),
-    ("suffixes", _are_suffixes, "a tuple of lower-case strings with their dots, as ('.obj',)"),
-    ("types", _are_strings, "a tuple of strings"),
-    ("requires", _are_strings, "a tuple of strings"),
-    ("requires", lambda modules: not any("." in module for module in modules), "top-level modules"),
+def _are_pairs(values: Any) -> bool:
+    return isinstance(values, tuple) and all(_are_strings(pair) and len(pair) == 2 for pair in values)
+
+
+def _is_function(value: Any) -> bool:
+    return value is None or callable(value) or _is_target(value)
+
+
+# Attributes, what they must be, and how to say that.
+_CHECKS: tuple[tuple[tuple[str, ...], Callable[[Any], bool], str], ...] = (
+    (("name", "description"), lambda value: isinstance(value, str), "a string"),
+    (("suffixes", "addresses"), _are_suffixes, "a tuple of lower-case strings with their dots, as ('.obj',)"),
+    (("types", "requires"), _are_strings, "a tuple of strings"),
+    (("requires",), lambda modules: not any("." in module for module in modules), "top-level modules"),
+    (("suffix_requires",), _are_pairs, "a tuple of pairs, as (('.3mf', 'lxml'),)"),
+    (("priority",), lambda value: isinstance(value, int), "an integer"),
+    (("shows_progress",), lambda value: isinstance(value, bool), "True or False"),
+    (("runs_code",), lambda value: value is None or (isinstance(value, str) and value != ""), "a sentence, or None"),
     (
-        "suffix_requires",
-        lambda pairs: isinstance(pairs, tuple) and all(_are_strings(pair) and len(pair) == 2 for pair in pairs),
-        "a tuple of pairs, as (('.3mf', 'lxml'),)",
+        ("opener", "open_labels", "is_large", "may_open"),
+        *(_is_function, "a function, or its name as 'package.module:function'"),
     ),
-    ("priority", lambda value: isinstance(value, int), "an integer"),
-    ("runs_code", lambda value: value is None or (isinstance(value, str) and value != ""), "a sentence, or None"),
-    *(
-        (name, lambda value: value is None or callable(value) or _is_target(value), _FUNCTION)
-        for name in ("opener", "open_labels", "is_large", "may_open")
-    ),
-    ("addresses", _are_suffixes, "a tuple of lower-case strings with their dots, as ('.zarr',)"),
-    ("shows_progress", lambda value: isinstance(value, bool), "True or False"),
-    ("can_open", callable, "a function of the path"),
+    (("can_open",), callable, "a function of the path"),
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from topokit.inputs.files import ZIP
 from topokit.inputs.formats import Format, begins, is_certainly, never, requirements_of, suffixes_of
-from topokit.inputs.ply_header import ply_kind
+from topokit.inputs.headers import ply_kind
 from topokit.plugins.adapter import Adapter
 
 # Suffixes of finite-element files, and the modules of meshio that read them.

@@ -9,7 +9,7 @@ from urllib.parse import unquote
 import numpy as np
 
 from topokit.errors import ReadError
-from topokit.inputs.beside import file_beside
+from topokit.inputs.files import file_beside
 from topokit.inputs.reading import require_expansion
 
 _FACE_BYTES = 60  # of a triangle in memory, with its share of vertices

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from topokit.inputs.files import BEGINNINGS, ZIP
 from topokit.inputs.formats import Format, begins, called, is_certainly, never, requirements_of, suffixes_of
-from topokit.inputs.numpy_header import numpy_kind
-from topokit.inputs.ply_header import ply_kind
+from topokit.inputs.headers import numpy_kind, ply_kind
 from topokit.inputs.unpacking import unpacked
 from topokit.plugins.adapter import Adapter
 

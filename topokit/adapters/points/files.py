@@ -18,7 +18,7 @@ from topokit.adapters.points.text import Layout, TextCloud
 from topokit.errors import FOR_MESHES, MissingDependencyError, ReadError
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
-from topokit.inputs.numpy_header import array_shapes
+from topokit.inputs.headers import array_shapes
 from topokit.inputs.ply import check_header, ply_elements
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 

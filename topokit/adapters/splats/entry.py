@@ -9,7 +9,7 @@ from pathlib import Path
 
 from topokit.inputs.files import GZIP, ZIP, member_names
 from topokit.inputs.formats import Format, is_certainly, never, suffixes_of
-from topokit.inputs.ply_header import ply_kind, ply_properties
+from topokit.inputs.headers import ply_kind, ply_properties
 from topokit.plugins.adapter import Adapter
 
 SPZ = b"NGSP"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
 from topokit.errors import ReadError
-from topokit.inputs.beside import file_beside
+from topokit.inputs.files import file_beside
 from topokit.inputs.reading import FREE_OF_MASKS, most_expanded, require_bytes, require_expansion
 
 _STEP = 1 << 20

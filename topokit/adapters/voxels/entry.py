@@ -9,7 +9,7 @@ from pathlib import Path
 
 from topokit.inputs.files import BEGINNINGS, ZIP, head
 from topokit.inputs.formats import Format, begins, is_certainly, requirements_of, suffixes_of
-from topokit.inputs.numpy_header import numpy_kind
+from topokit.inputs.headers import numpy_kind
 from topokit.plugins.adapter import Adapter
 
 ADDRESSES = (".zarr",)

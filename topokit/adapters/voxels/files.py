@@ -14,7 +14,7 @@ from topokit.core.grid.grid import Spacing
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
-from topokit.inputs.numpy_header import array_shapes
+from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 
 Volume = tuple[NDArray[Any], Spacing | None]

@@ -22,8 +22,7 @@ from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError, MissingDependencyError, ReadError
-from topokit.inputs.beside import require_beside
-from topokit.inputs.files import head
+from topokit.inputs.files import head, require_beside
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
 Volume = tuple[NDArray[Any], Spacing | None]

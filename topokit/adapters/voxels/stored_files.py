@@ -24,7 +24,7 @@ from topokit.core.grid.grid import Spacing
 from topokit.errors import InputError, MissingDependencyError, Option, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.formats import stored_in
-from topokit.inputs.numpy_header import array_shapes
+from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking, lies_in
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import ReadError
-from topokit.inputs.beside import file_beside
-from topokit.inputs.files import head
+from topokit.inputs.files import file_beside, head
 from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members
 
 Pixels = NDArray[np.uint8]

@@ -1,9 +1,10 @@
-"""The headers of .npy and .npz files: shapes of their arrays, and whether they hold points or a volume."""
+"""Headers that say what files of several representations hold: those of .ply, .npy and .npz."""
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import tokenize
 import zipfile
 from pathlib import Path
@@ -68,3 +69,20 @@ def _array_shape(file: Any, path: Path, size: int) -> tuple[int, ...]:
         shape, _, dtype = read(file)
     require_bytes(path, f"an array of shape {shape}", math.prod(shape) * dtype.itemsize, size)
     return tuple(shape)
+
+
+def ply_kind(beginning: bytes) -> Literal["mesh", "points", "splats"] | None:
+    """What the header of a .ply file announces; None if the file is no .ply."""
+    if not beginning.startswith(b"ply"):
+        return None
+    properties = ply_properties(beginning)
+    if b"packed_position" in properties or {b"scale_0", b"scale_1", b"rot_3"} <= properties:
+        return "splats"
+    faces = re.search(rb"element\s+(?:face|tristrips)\s+(\d+)", beginning.partition(b"end_header")[0])
+    return "mesh" if faces and int(faces.group(1)) > 0 else "points"
+
+
+def ply_properties(beginning: bytes) -> set[bytes]:
+    """Names of the scalar properties in the header of a .ply file."""
+    header = beginning.partition(b"end_header")[0]
+    return set(re.findall(rb"^property\s+\w+\s+(\w+)\s*$", header, re.MULTILINE))

@@ -109,7 +109,7 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
         "preparation": None if witness is None else witness.preparation,
         "source": None if witness is None else witness.signs.source,
         "wire": witness is not None and witness.wire is not None,
-        "smoothed": witness is not None and witness.smoothed is not None,
+        "repeated": witness is not None and witness.is_repeated,
         "boundaries": len(boundary.curves),
         "seconds": round(time.perf_counter() - started, 2),
     }

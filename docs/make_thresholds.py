@@ -1,15 +1,17 @@
-"""Write thresholds.md from the rules and the table in `topokit.report.verdict`.
+"""Write thresholds.md from the rules and the table in `topokit.report.verdict` and the settings of point clouds.
 
 python docs/make_thresholds.py
 """
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from topokit.core.cloud.settings import CloudSettings
 from topokit.report import confidence, verdict
 
 PAGE = Path(__file__).with_name("thresholds.md")
@@ -27,10 +29,17 @@ The log-odds that the integer of a closed cloud is right are {intercept:.3g} min
 coefficients are fitted by `python benchmarks/confidence.py`; how well the probability holds is in
 [accuracy.md](accuracy.md#confidence).
 """
+SETTINGS = """
+## Settings of point clouds
+
+The numbers of the reconstruction, in
+[topokit/core/cloud/settings.py](../topokit/core/cloud/settings.py). They are passed down from `global_witness`, never
+changed for all.
+"""
 CONSTANTS = """
 ## Constants of the numerical core
 
-Settings of the methods themselves, in the units of their comments. They were found by trial on analytic shapes and on
+All other settings of the methods, in the units of their comments. They were found by trial on analytic shapes and on
 the shapes of [accuracy.md](accuracy.md); no study of how the results depend on each of them exists.
 """
 HEADER = """# Rules and thresholds of the verdict
@@ -58,14 +67,43 @@ def page() -> str:
         number = sources.index(threshold.source) + 1
         row = (f"`{name}`", threshold.bound, f"{threshold.value:g}", threshold.unit, threshold.meaning, str(number))
         lines.append(f"| {' | '.join(row)} |")
-    lines += ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1))]
+    lines += numbered(sources)
     lines += [CONFIDENCE.format(intercept=confidence.INTERCEPT), "| evidence | coefficient | doubt | x |"]
     lines.append("|---|---|---|---|")
     for name, one in confidence.EVIDENCE.items():
         lines.append(f"| `{name}` | {one.coefficient:.3g} | {one.scale} | {one.meaning} |")
+    lines += [SETTINGS, *cloud_settings()]
     lines += [CONSTANTS, "| module | constant | meaning |", "|---|---|---|"]
     lines += [f"| `{module}` | `{code}` | {meaning} |" for module, code, meaning in constants()]
     return "\n".join((*lines, ""))
+
+
+def numbered(sources: Sequence[str]) -> list[str]:
+    """A list of sources, to whose numbers a table refers."""
+    return ["", "Sources:", "", *(f"{number}. {source}" for number, source in enumerate(sources, 1))]
+
+
+def cloud_settings() -> Iterator[str]:
+    """A table of every setting of point clouds with its value, unit, meaning and source, and the sources."""
+    groups = [(group.name, getattr(CloudSettings(), group.name)) for group in dataclasses.fields(CloudSettings)]
+    rows = [(name, group, one) for name, group in groups for one in dataclasses.fields(group)]
+    sources = list(dict.fromkeys(one.metadata["source"] for _, _, one in rows))
+    yield from ("| setting | value | unit | meaning | source |", "|---|---|---|---|---|")
+    for name, group, one in rows:
+        about, value = one.metadata, shown(getattr(group, one.name))
+        number = sources.index(about["source"]) + 1
+        yield f"| `{name}.{one.name}` | {value} | {about['unit']} | {about['meaning']} | {number} |"
+    yield from numbered(sources)
+
+
+def shown(value: object) -> str:
+    """A number, a tuple of numbers, or several of these."""
+    if dataclasses.is_dataclass(value):
+        value = dataclasses.astuple(value)  # type: ignore[arg-type]
+    if isinstance(value, tuple):
+        nested = any(isinstance(one, tuple) or dataclasses.is_dataclass(one) for one in value)
+        return ("; " if nested else ", ").join(shown(one) for one in value)
+    return f"{value:,}".replace(",", " ") if isinstance(value, int) else f"{value:g}"
 
 
 def constants() -> Iterator[tuple[str, str, str]]:

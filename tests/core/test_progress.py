@@ -8,6 +8,8 @@ import pytest
 import torch
 
 import topokit as tk
+from topokit.core.cloud.settings import CloudSettings, SamplingSettings
+from topokit.core.cloud.witness import global_witness
 from topokit.core.progress import Listener, advance, begin, ignore, listening, stages
 from topokit.report.progress import progress_bar, time_left
 from topokit.testing import torus_samples
@@ -48,21 +50,18 @@ def test_the_share_of_a_stage_counts_and_never_falls() -> None:
     ]
 
 
-@pytest.mark.parametrize("most", [30_000, 2_000])
-def test_a_report_of_a_cloud_tells_its_stages_in_order(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    for module in ("looks", "stage_seconds"):
-        monkeypatch.setattr(f"topokit.core.cloud.{module}.MOST_POINTS", most)
+@pytest.mark.parametrize("whole", [30_000, 2_000])
+def test_a_cloud_tells_its_stages_in_order(whole: int) -> None:
     heard: Heard = []
+    settings = CloudSettings(sampling=SamplingSettings(whole=whole, samples=2_000))
     with listening(lambda stage, share: heard.append((stage, share))):
-        report = tk.from_points(torus_samples(4000).points).report()
-    assert report.euler == 0
-    first, *_, last = heard
-    assert first == ("neighborhoods", 0.0)
-    assert last[0] == "counting"
+        found = global_witness(torus_samples(4000).points, settings=settings)
+    assert (found.euler, found.preparation) == (0, "whole" if whole > 4000 else "sampled")
+    assert heard[0] == ("neighborhoods", 0.0)
+    assert list(dict(heard)) == ["neighborhoods", "signs", "orientation", "counting"]
     shares = [share for _, share in heard]
     assert shares == sorted(shares)
     assert 0.2 < shares[-1] < 1
-    assert ("signs" in dict(heard)) == (most < 4000)
 
 
 @pytest.mark.parametrize(("is_terminal", "patience"), [(True, 0.0), (True, 1e3), (False, 0.0)])

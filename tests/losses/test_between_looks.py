@@ -12,7 +12,7 @@ from analytic_fields import grid, torus
 from torch import Tensor, nn
 
 import topokit as tk
-from topokit.core.cloud.dipoles import DipoleSolver
+from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import regularize, winding_field
 from topokit.errors import InputError

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import SampleQuality, Vote
-from topokit.core.cloud.wires import WireReading
 from topokit.core.cloud.witness import Signs, Witness
 
 _COUNTS = {"cut": (3, 2), "smooth cut": (2, 2), "coarse cut": (2, 2), "shifted cut": (2, 2), "field": (3, 1)}
@@ -46,12 +46,11 @@ def a_witness(
         votes=votes if isinstance(votes, tuple) else votes_of(votes),
         quality=replace(clean, **(quality or {})),
         signs=Signs("given", 1.0, None),
-        smoothed=None,
         components=1,
         cavities=0,
         normals=np.zeros((9, 3)),
-        n_points=9,
-        n_used=9,
+        n_points=90,
+        n_used=90,
         spacing=1.0,
         resolution=2.5,
         seconds={"votes": 0.0},

@@ -24,7 +24,7 @@ from topokit.report.verdict import (
     cloud_checks,
     cloud_verdict,
     has_genus,
-    has_thin_edges,
+    is_open,
     is_open_sheet,
     lids,
     wire_checks,
@@ -44,9 +44,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
-    boundary = found.part.boundary
-    has_rims = bool(boundary.curves) and not (witness is not None and has_thin_edges(boundary, witness))
-    if (has_rims or lids(witness)) and not is_wire:
+    if is_open(found.part.boundary, witness) and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)

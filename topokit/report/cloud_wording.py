@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from topokit.core.cloud.far_points import FAR
 from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.settings import GuardSettings
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
@@ -18,6 +18,7 @@ _SENTENCES = {
         "Answers with evidence like this are right {percent}% of the time.",
         "Answers with evidence like this are right only {percent}% of the time.",
     ),
+    "points": ("", "{value:.0f} points are too few: how often so few are right was not measured."),
     "cuts": (
         "{n_cuts} of {cuts} Delaunay cuts give χ = {euler}.",
         "Only {n_cuts} of {cuts} Delaunay cuts give χ = {euler}{other_cuts}.",
@@ -41,8 +42,8 @@ _SENTENCES = {
     ),
     "boundary": (
         "",
-        "{value:.0f} curves look like a boundary, but {thin:.0%} of the samples have an opposite sheet within 1.5 "
-        "sample spacings: they run along thin edges, and the surface is taken to be closed there.",
+        "{value:.0f} of the places that look like a boundary are covered by the surface that was found: they are taken "
+        "for thin edges of a closed surface.",
     ),
     "genus": ("", "χ = {euler} is too large for {surfaces}: no genus fits it."),
     "confirmed": (
@@ -64,10 +65,6 @@ _SENTENCES = {
     ),
     "wire_contrast": (
         "The next integer has 1/{value:.2g} of their weight.",
-        "The next integer has 1/{value:.2g} of their weight, and no Delaunay cut gives χ = {euler}.",
-    ),
-    "wire_contrast_supported": (
-        "The next integer has 1/{value:.2g} of their weight, and a Delaunay cut gives χ = {euler}, too.",
         "The next integer has 1/{value:.2g} of their weight.",
     ),
     "wire_narrowness": (
@@ -75,20 +72,10 @@ _SENTENCES = {
         "Neighborhoods of 100 points are not one-dimensional (ratio of variances {value:.2f}): wires run close to each "
         "other.",
     ),
-    "noise": (
-        "",
-        "The noise is far larger than the distances between the points: {value:.0f} samples, averaged over wide "
-        "neighborhoods, were used, and details are lost with the noise.",
-    ),
     "rounding": (
         "",
         "So far from the origin single precision rounds coordinates to steps of {value:.2g} sample spacings, and "
         "details are lost: subtract an offset before they are stored.",
-    ),
-    "second look": (
-        "",
-        "The noise is about as large as the sample spacing; smoothed over {n_smoothed} neighbors, the points give "
-        "χ = {euler} in {value:.0%} of all votes, but details are lost with the noise.",
     ),
 }
 
@@ -128,7 +115,7 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     if witness.preparation == "averaged":
         sentences.append(
             f"The noise is larger than the distances between the {n_points} points: {n_used} evenly spread samples, "
-            "averaged over their neighbors, were used."
+            "moved onto the planes of their neighborhoods, were used."
         )
     elif witness.preparation == "wire":
         sentences.append(f"{n_used} evenly spread samples of the {n_points} points were used.")
@@ -168,7 +155,9 @@ def far_sentences(n_far: int) -> tuple[str, ...]:
     if n_far == 0:
         return ()
     what, was = ("1 point lies", "was") if n_far == 1 else (f"{n_far} points lie", "were")
-    return (f"{what} more than {FAR:.0f} times as far from the middle as most others and {was} left out.",)
+    return (
+        f"{what} more than {GuardSettings().far:.0f} times as far from the middle as most others and {was} left out.",
+    )
 
 
 def _numbers(witness: Witness) -> dict[str, object]:
@@ -182,11 +171,9 @@ def _numbers(witness: Witness) -> dict[str, object]:
         "fields": len(fields),
         "n_fields": fields.count(witness.euler),
         "other_fields": _others(fields, witness.euler),
-        "thin": witness.quality.crowded_boundary,
         "surfaces": plural(witness.components + witness.cavities, "closed surface"),
         "smallest": 0.0 if witness.wire is None else witness.wire.smallest,
         "largest": 0.0 if witness.wire is None else witness.wire.largest,
-        "n_smoothed": 0 if witness.smoothed is None else witness.smoothed.n_neighbors,
     }
 
 

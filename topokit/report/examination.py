@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.cloud.dense import BOUNDARY_POINTS
-from topokit.core.cloud.downsampling import thin_along_curve
-from topokit.core.cloud.far_points import far_points
+from topokit.core.cloud.guards import far_points
+from topokit.core.cloud.sampling.downsampling import thin_along_curve
+from topokit.core.cloud.settings import SamplingSettings
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
@@ -77,9 +77,10 @@ class Examination:
         samples = self.samples
         if self._near is not None:
             return Examination(samples.at(self._near), known_closed=self._known_closed).part
-        if samples.n_points <= BOUNDARY_POINTS:
+        most = SamplingSettings().boundary_points
+        if samples.n_points <= most:
             return self
-        rows = thin_along_curve(samples.points.cpu().double().numpy(), BOUNDARY_POINTS)
+        rows = thin_along_curve(samples.points.cpu().double().numpy(), most)
         index = torch.from_numpy(rows).to(samples.points.device)
         part = samples.at(index)
         if part.areas is not None:
@@ -126,14 +127,9 @@ class Examination:
             progress_bar([f"{samples.n_points} points"] if samples.n_points >= _FEWEST_FOR_BAR else []),
             ThreadPoolExecutor(1) as thread,
         ):  # beside the witness, which uses one processor most of the time
-            measured = thread.submit(self._measure_part)
+            thread.submit(self._measure_part)
             try:
-                found = global_witness(
-                    samples.points,
-                    samples.known_normals(),
-                    oriented=samples.oriented,
-                    may_smooth=lambda: not measured.result().curves,
-                )
+                found = global_witness(samples.points, samples.known_normals(), oriented=samples.oriented)
             except InputError as refusal:
                 return refusal
         return found if self._near is None else _for_all_points(found, self._near, self.samples.points)
@@ -158,8 +154,8 @@ def _for_all_points(found: Witness, near: Tensor, points: Tensor) -> Witness:
     normals = torch.nn.functional.normalize(away, dim=1).cpu().numpy()
     normals[rows] = found.normals
     surface = None if found.surface is None else replace(found.surface, points=rows[found.surface.points])
-    uncovered = tuple(replace(patch, samples=rows[patch.samples]) for patch in found.uncovered)
-    return replace(found, normals=normals, surface=surface, uncovered=uncovered)
+    covers = tuple(replace(patch, samples=rows[patch.samples]) for patch in found.lids)
+    return replace(found, normals=normals, surface=surface, lids=covers)
 
 
 def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:

@@ -8,9 +8,9 @@ from types import MappingProxyType
 from typing import Literal
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.uncovered import UncoveredPatch
+from topokit.core.cloud.solid.uncovered import UncoveredPatch
+from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
-from topokit.core.cloud.wires import WireReading
 from topokit.core.local.boundary import BoundaryEstimate
 from topokit.report.confidence import cloud_confidence
 
@@ -61,6 +61,7 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         "confidence": Threshold(
             0.85, "at least", "probability", "that the integer of a closed cloud is right", _CALIBRATED
         ),
+        "points": Threshold(50, "at least", "points", "distinct points", "the calibration has no fewer"),
         "cuts": Threshold(0.7, "at least", "share of counts", "Delaunay cuts that give the integer", _ONE_DRAW),
         "fields": Threshold(
             0.65, "at least", "share of fields", "winding-number fields that give the integer, 0 of none", _ONE_DRAW
@@ -83,15 +84,6 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "clouds of 4 000 to 6 000 points from five shapes, rounded to steps of 0.1 to 4 spacings: all right at "
             "1 spacing, two of two at 1.5, from 2 on five of six were wrong; the limit is half of the first",
         ),
-        "uncovered": Threshold(
-            25,
-            "at most",
-            "samples",
-            "samples missing from a patch of the found surface; above it, the patch is a lid over a hole of the cloud",
-            "a region where a random samples are expected is empty with probability exp(-a): a patch misses at "
-            "most 15.8 in 60 draws of 20 000 on a plane, 17 in 10 000 points from 24 of 26 closed meshes (two "
-            "have thin walls), and at least 48 in 24 of 26 clouds that planes, boxes and spheres cut from these",
-        ),
         "thin_edges": Threshold(
             0.05,
             "at most",
@@ -110,20 +102,7 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         "wire_share": Threshold(
             0.3, "at least", "share of weight", "radii of the union of balls that give the integer of a wire", _TUBES
         ),
-        "wire_contrast": Threshold(
-            6,
-            "at least",
-            "ratio",
-            "weight of a wire's integer over that of the next, where no Delaunay cut gives it",
-            _TUBES,
-        ),
-        "wire_contrast_supported": Threshold(
-            3,
-            "at least",
-            "ratio",
-            "weight of a wire's integer over that of the next, where a Delaunay cut gives it",
-            _TUBES,
-        ),
+        "wire_contrast": Threshold(3, "at least", "ratio", "weight of a wire's integer over that of the next", _TUBES),
         "wire_range": Threshold(
             2, "at least", "ratio of radii", "range of radii over which the wire's integer stands", _TUBES
         ),
@@ -150,8 +129,6 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "genus": "there is a surface, and its integer is not too large for the number of surfaces",
         "boundary": "no curve looks like a boundary",
         "contradictory": "the given normals do not contradict each other",
-        "noise": "the noise is not so large that only few samples, averaged over wide neighborhoods, are left",
-        "second look": "the integer does not come from strongly smoothed points",
     }
 )
 """Checks without a limit: each is made only where it fails, except the first."""
@@ -225,6 +202,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         _check("fields", share_of(euler, values_of(witness.votes, "field"))),
         _check("coverage", witness.quality.coverage),  # the calibration has no likely one below 0.74
         _check("rim", boundary.rim_share),  # the calibration has no points along lines
+        *_unless_passed("points", float(witness.n_used)),
         *_unless_passed("rounding", witness.rounding / witness.spacing),
     ]
     if boundary.curves:
@@ -233,20 +211,15 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         checks.append(Check("contradictory", 1 - (witness.signs.confirmed or 0.0), False))
     elif witness.signs.confirmed is not None:
         checks.append(_check("confirmed", witness.signs.confirmed))
-    if witness.preparation == "thinned":  # the calibration has no such noise
-        checks.append(Check("noise", float(witness.n_used), False))
-    if witness.smoothed is not None:
-        checks.append(Check("second look", witness.smoothed.agreement, False))
     return tuple(checks)
 
 
 def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
     """The conditions under which the integer of a cloud that is read as a thickened graph is likely."""
-    is_supported = witness.euler in values_of(witness.votes, "cut", "smooth cut")
     return (
         _check("wire_range", wire.largest / wire.smallest),
         _check("wire_share", wire.share),
-        _check("wire_contrast_supported" if is_supported else "wire_contrast", wire.contrast),
+        _check("wire_contrast", wire.contrast),
         _check("wire_narrowness", wire.narrowness),
         *_unless_passed("rounding", witness.rounding / witness.spacing),
     )
@@ -260,13 +233,20 @@ def has_genus(witness: Witness) -> bool:
 
 def lids(witness: Witness | None) -> tuple[UncoveredPatch, ...]:
     """The patches of the found surface that are lids over holes of the cloud, not gaps between random samples."""
-    patches = () if witness is None else witness.uncovered
-    return tuple(patch for patch in patches if not THRESHOLDS["uncovered"].allows(patch.missing))
+    return () if witness is None else witness.lids
 
 
 def has_thin_edges(boundary: BoundaryEstimate, witness: Witness) -> bool:
     """Whether curves that look like a boundary run along thin edges of a closed surface."""
     return bool(boundary.curves) and not THRESHOLDS["thin_edges"].allows(witness.quality.crowded_boundary)
+
+
+def is_open(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
+    """Whether samples are of a surface with a boundary: there are holes in the cloud, or long curves and no solid.
+
+    Short curves that look like a boundary, but where the found surface is covered by samples, run along thin edges.
+    """
+    return bool(lids(witness)) or (bool(boundary.curves) and is_open_sheet(boundary, witness))
 
 
 def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:

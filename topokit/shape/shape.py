@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from topokit.core.cloud.downsampling import Criterion
-from topokit.core.cloud.fewer_samples import fewer_samples
+from topokit.core.cloud.sampling.downsampling import Criterion
+from topokit.core.cloud.sampling.fewer_samples import fewer_samples
 from topokit.core.grid.field import Field
 from topokit.core.grid.winding_field import regularized_samples
 from topokit.core.handles.find import find_handles

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 import topokit
-from topokit.core.cloud.rounding import single_precision_step
+from topokit.core.cloud.guards import single_precision_step
 
 Floats = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ from topokit.adapters.points import adapter, large
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
 from topokit.adapters.points.text import layout_of, read_rows, read_table
-from topokit.core.cloud.cells import Cells, joined
-from topokit.core.cloud.reduced import reduced
+from topokit.core.cloud.sampling.cells import Cells, joined
+from topokit.core.cloud.sampling.reduced import reduced
 from topokit.errors import InputError, ReadError
 from topokit.inputs.formats import stored_in
 from topokit.inputs.ply import write_ply

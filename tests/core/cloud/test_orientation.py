@@ -1,4 +1,4 @@
-"""Outward normals found for clouds without any, and given normals judged."""
+"""Outward normals found for clouds without any."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import delaunay_complex
-from topokit.core.cloud.neighborhoods import fit_planes, local_geometry, unit
-from topokit.core.cloud.orientation import check_normals, orient_samples
+from topokit.core.cloud.look import Cloud as Distinct
+from topokit.core.cloud.look import Look, look_at
+from topokit.core.cloud.normals.patches import surface_of
+from topokit.core.cloud.settings import CloudSettings, OrientationSettings, SamplingSettings, SignSettings
 from topokit.core.cloud.witness import global_witness
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.testing import sphere_samples, torus_samples
@@ -54,19 +55,56 @@ def box() -> Cloud:
     return samples.points.numpy(), samples.normals.numpy()
 
 
+SETTINGS = CloudSettings()
+BY_FIELDS = CloudSettings(signs=SignSettings(smooth_roughness=-1.0))  # no signs are carried
+
+
+def look(points: Floats, settings: CloudSettings = SETTINGS) -> Look:
+    return look_at(Distinct(points, None, oriented=True), surface_of(points, settings.patches), settings)
+
+
+@pytest.mark.parametrize("settings", [SETTINGS, BY_FIELDS], ids=["carried", "fields"])
 @pytest.mark.parametrize("make", [sphere, torus, nested_spheres, linked_tori, box])
-def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud]) -> None:
+def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud], settings: CloudSettings) -> None:
     points, normals = make()
-    found = orient_samples(points, local_geometry(points))
+    found = look(points, settings).found
+    assert found is not None
     assert ((found.normals * normals).sum(1) > 0).mean() >= 0.99
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1)
     assert found.coverage > 0.97
-    assert found.costs[found.candidate] == min(found.costs.values())
+    assert len(found.trials) > 1 or settings is SETTINGS
+    assert found.trials[0].cut.coverage == found.coverage
 
 
-def outward(points: Floats, areas: Floats | None = None) -> Floats:
-    given = None if areas is None else torch.from_numpy(areas)
-    return global_witness(torch.from_numpy(points), areas=given, may_smooth=lambda: False).normals
+def test_signs_that_their_solid_contradicts_compete_with_those_of_fields() -> None:
+    """All contradict the solid if none may, and then the cheapest solid wins."""
+    points, normals = torus(2000)
+    strict = CloudSettings(orientation=OrientationSettings(contradicted=-1.0))
+    carried, found = (look(points, settings).found for settings in (SETTINGS, strict))
+    assert carried is not None
+    assert found is not None
+    assert len(carried.trials) == 1 < len(found.trials)
+    costs = [trial.cost(SETTINGS.orientation.coverage_power) for trial in found.trials]
+    assert costs == sorted(costs)
+    assert ((found.normals * normals).sum(1) > 0).all()
+
+
+def test_candidates_without_hope_are_not_corrected() -> None:
+    points, normals = torus(2000)
+    seen = look(points, BY_FIELDS)
+    found, complex_, own = seen.found, seen.cloud.complex_, BY_FIELDS.orientation
+    assert found is not None
+    best = found.corrected(complex_, None, own)
+    assert ((best.normals * normals).sum(1) > 0).all()
+    assert best.cut.coverage >= found.coverage
+    costs = [trial.cost(own.coverage_power) for trial in found.trials]
+    only = found.corrected(complex_, None, OrientationSettings(hopeless=1.0))
+    assert only.cost() >= best.cost()
+    assert len(costs) > 1
+
+
+def outward(points: Floats) -> Floats:
+    return global_witness(torch.from_numpy(points)).normals
 
 
 def test_pose_and_scale_do_not_matter() -> None:
@@ -75,42 +113,36 @@ def test_pose_and_scale_do_not_matter() -> None:
         assert ((outward(points * scale + shift) * normals).sum(1) > 0).mean() >= 0.99
 
 
-def test_given_areas_in_other_units_are_understood() -> None:
-    points, normals = sphere(2000)
-    found = outward(1000 * points, np.full(2000, 4e6 * np.pi / 2000))
-    assert ((found * normals).sum(1) > 0).mean() >= 0.99
-
-
-def test_planes_in_blocks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, normals = sphere(1000)
-    index = local_geometry(points).index
-    whole = fit_planes(points, index)
-    monkeypatch.setattr("topokit.core.cloud.neighborhoods._ROWS", 64)
-    for blocked, expected in zip(fit_planes(points, index), whole, strict=True):
-        np.testing.assert_array_equal(blocked, expected)
-    assert np.abs((whole[0] * normals).sum(1)).min() > 0.9
-
-
-@pytest.mark.parametrize("make", [sphere, torus])
-def test_given_normals_are_judged(make: Callable[[], Cloud]) -> None:
-    points, normals = make()
-    local = local_geometry(points)
-    complex_ = delaunay_complex(points, local.spacing)
-    random = np.random.default_rng(0)
-    half = np.where(points[:, :1] > 0.3, -1.0, 1.0)
-    few = np.where(random.random((len(points), 1)) < 0.15, -1.0, 1.0)
-    tilted = unit(normals + 0.2 * random.normal(size=normals.shape))
-    cases = [(1.0, "outward"), (-1.0, "inward"), (half, "mixed"), (few, "mixed")]
-    for signs, expected in cases:
-        assert check_normals(points, normals * signs, local.areas, local, complex_)[0] == expected
-    assert check_normals(points, tilted, local.areas, local, complex_)[0] == "outward"
-
-
 def test_repeated_points_count_once_and_share_their_normal() -> None:
     points, _ = sphere(1000)
     np.testing.assert_array_equal(outward(np.repeat(points, 12, axis=0)), np.repeat(outward(points), 12, axis=0))
 
 
-def test_clouds_of_small_parts_alone_have_signs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("topokit.core.cloud.orientation._SMALLEST_PART", 1000)
-    assert global_witness(sphere_samples(500).points).euler == 2
+def test_clouds_of_small_parts_alone_have_signs() -> None:
+    settings = CloudSettings(orientation=OrientationSettings(smallest_part=1000))
+    assert global_witness(sphere_samples(500).points, settings=settings).euler == 2
+
+
+@pytest.mark.parametrize("is_large", [False, True])
+def test_a_small_bubble_in_a_solid_is_a_cavity(is_large: bool) -> None:
+    """Its normals, carried along its own surface, point out of the bubble and not into it."""
+    settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3000)) if is_large else SETTINGS
+    bubble = 0.12 * sphere_samples(120).points + torch.tensor([0.3, 0, 0])
+    found = global_witness(torch.cat((sphere_samples(8000).points, bubble)), settings=settings)
+    assert (found.euler, found.components, found.cavities) == (4, 1, 1)
+    inward = torch.tensor([0.3, 0, 0]) - bubble
+    assert ((torch.from_numpy(found.normals)[-120:] * inward).sum(1) > 0).double().mean() > 0.99
+
+
+def test_distant_small_parts_are_turned_outward_and_counted() -> None:
+    """Ten spheres of radius 1 … 0.01 in a row."""
+    parts, place = [], 0.0
+    for number, radius in enumerate(np.geomspace(1, 0.01, 10)):
+        own = sphere_samples(300, generator=torch.Generator().manual_seed(number)).points
+        parts.append(radius * own + torch.tensor([place + radius, 0, 0]))
+        place += 4 * radius
+    points, middles = torch.cat(parts), torch.cat([part.mean(0).expand_as(part) for part in parts])
+    found = global_witness(points)
+    assert (found.euler, found.components, found.cavities) == (20, 10, 0)
+    assert found.agreement > 0.7
+    assert ((torch.from_numpy(found.normals) * (points - middles)).sum(1) > 0).double().mean() > 0.99

@@ -13,7 +13,7 @@ from torch import Tensor
 from topokit.adapters.points.files import read_points
 from topokit.adapters.points.large import FEW, reduced_samples, stored_cloud
 from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
-from topokit.core.cloud.copies import places
+from topokit.core.cloud.sampling.copies import places
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, largest_coordinate

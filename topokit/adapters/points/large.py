@@ -14,9 +14,9 @@ import torch
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
 from topokit.core.blocks.reduction import RETRIES
-from topokit.core.cloud.cells import Cells, joined
-from topokit.core.cloud.dense import MOST_DENSE
-from topokit.core.cloud.reduced import ReducedCloud, reduced
+from topokit.core.cloud.sampling.cells import Cells, joined
+from topokit.core.cloud.sampling.reduced import ReducedCloud, reduced
+from topokit.core.cloud.settings import SamplingSettings
 from topokit.core.samples import SurfaceSamples, largest_coordinate
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import existing_file
@@ -26,7 +26,7 @@ from topokit.report.wording import plural
 MOST_IN_MEMORY = 1 << 24
 """Points up to which a stored cloud is read as a whole."""
 
-MOST_CELLS = MOST_DENSE
+MOST_CELLS = SamplingSettings().most_points
 """Cells of which one point is kept."""
 
 MOST_AT_ONCE = 1 << 22

@@ -16,7 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.core.cloud.neighborhoods import FEWEST_POINTS
+from topokit.core.cloud.guards import FEWEST_POINTS
+from topokit.core.cloud.settings import FieldSettings
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
@@ -25,13 +26,6 @@ from topokit.core.labels import compact_labels, connected_labels
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Task = Callable[[], list[tuple[int, int]]]
-
-FIELD_SETTINGS = ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3))
-"""Cells per sample spacing, Gaussian smoothing in cells, largest number of grid vertices."""
-
-_MOST_VERTICES = 40_000_000  # of all grids of the parts: 2 seconds and 0.8 GB for each setting
-_APART = 4.0  # sample spacings between the boxes of parts that get grids of their own
-_MOST_PARTS = 256  # that may lie apart; of more, each a stray piece, the boxes are not compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +47,12 @@ class _Layer:
 
 
 def field_tasks(
-    points: Floats, normals: Floats, areas: Floats, spacing: float, parts: Callable[[], Integers]
+    points: Floats,
+    normals: Floats,
+    areas: Floats,
+    spacing: float,
+    parts: Callable[[], Integers],
+    settings: FieldSettings,
 ) -> Sequence[Task]:
     """What finds the Euler characteristic of each field that is fine enough: tasks for threads.
 
@@ -63,48 +62,51 @@ def field_tasks(
         areas: (N,), surface area that each point stands for.
         spacing: of the finest samples; no cell is larger.
         parts: returns the number (N,) of the connected part that each point belongs to.
+        settings: of the grids.
 
     Returns:
         Functions that return pairs of a setting's index and the Euler characteristic of the surface.
     """
     layer = _Layer(*(torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas)))
-    grids = [make_grid(layer.points, spacing, cells, most) for cells, _, most in FIELD_SETTINGS]
-    tasks = [partial(_on_grid, layer, grid, k) for k, grid in enumerate(grids) if grid.cell <= spacing]
-    return tasks or [partial(_on_grids_of_parts, layer, points, spacing, parts)]
+    grids = [make_grid(layer.points, spacing, cells, most) for cells, _, most in settings.grids]
+    tasks = [partial(_on_grid, layer, grid, k, settings) for k, grid in enumerate(grids) if grid.cell <= spacing]
+    return tasks or [partial(_on_grids_of_parts, layer, points, spacing, parts, settings)]
 
 
-def _on_grid(layer: _Layer, grid: Grid, setting: int) -> list[tuple[int, int]]:
-    return [(setting, layer.euler(grid, FIELD_SETTINGS[setting][1]))]
+def _on_grid(layer: _Layer, grid: Grid, setting: int, settings: FieldSettings) -> list[tuple[int, int]]:
+    return [(setting, layer.euler(grid, settings.grids[setting][1]))]
 
 
 def _on_grids_of_parts(
-    layer: _Layer, points: Floats, spacing: float, parts: Callable[[], Integers]
+    layer: _Layer, points: Floats, spacing: float, parts: Callable[[], Integers], settings: FieldSettings
 ) -> list[tuple[int, int]]:
     """The same on grids of one cell per spacing; nothing if they have too many vertices or too large cells."""
-    labels = parts_apart(points, parts(), _APART * spacing)
+    labels = parts_apart(points, parts(), settings.apart * spacing, settings.most_parts)
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(labels))[:-1])
     layers = [layer.at(rows) for rows in groups if len(rows) >= FEWEST_POINTS]  # fewer bound nothing
-    grids = [make_grid(one.points, spacing, 1.0, _MOST_VERTICES) for one in layers]
-    if sum(grid.n_vertices for grid in grids) > _MOST_VERTICES or any(grid.cell > spacing for grid in grids):
+    grids = [make_grid(one.points, spacing, 1.0, settings.most_vertices) for one in layers]
+    n_vertices = sum(grid.n_vertices for grid in grids)
+    if n_vertices > settings.most_vertices or any(grid.cell > spacing for grid in grids):
         return []
-    smoothings = [sigma / cells * spacing for cells, sigma, _ in FIELD_SETTINGS]  # in units of length
+    smoothings = [sigma / cells * spacing for cells, sigma, _ in settings.grids]  # in units of length
     return [
         (setting, sum(one.euler(grid, length / grid.cell) for one, grid in zip(layers, grids, strict=True)))
         for setting, length in enumerate(smoothings)
     ]
 
 
-def parts_apart(points: Floats, parts: Integers, distance: float) -> Integers:
+def parts_apart(points: Floats, parts: Integers, distance: float, most: int) -> Integers:
     """Numbers 0, 1, … (N,) of groups of parts whose bounding boxes are farther than a distance from each other.
 
     Args:
         points: (N, 3).
         parts: (N,), the connected part of each point.
         distance: between boxes of different groups, at least, along some axis.
+        most: number of parts from which they are not told apart: most of so many are stray pieces.
     """
     groups = compact_labels(parts, int(parts.max()) + 1)
-    if groups.max() >= _MOST_PARTS:
+    if groups.max() >= most:
         return np.zeros_like(groups)
     while True:
         low, high = _boxes(points, groups)

@@ -1,16 +1,24 @@
-"""A cloud that is ready to be looked at, and what one look at it finds."""
+"""One reconstruction of a cloud: signs at full density, samples where features are small, tetrahedra, votes."""
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.cloud.delaunay_cut import Cut, DelaunayComplex
-from topokit.core.cloud.findings import Preparation, Signs, SignSource
-from topokit.core.cloud.votes import SampleQuality, Vote
-from topokit.core.cloud.wires import WireReading
+from topokit.core.cloud.given import Signs, compared_signs, consistent_signs
+from topokit.core.cloud.normals.creases import find_faces
+from topokit.core.cloud.normals.patches import Surface, turned_towards
+from topokit.core.cloud.normals.propagation import propagate_signs
+from topokit.core.cloud.orientation import Orientation, orient_samples
+from topokit.core.cloud.samples import Sampler
+from topokit.core.cloud.settings import CloudSettings
+from topokit.core.cloud.solid.tetrahedra import Cut
+from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches
+from topokit.core.cloud.votes import OrientedCloud, SampleQuality, Vote, complex_of, gather_votes, sample_quality
+from topokit.core.progress import begin
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -18,64 +26,125 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Distinct points ready to be looked at: centered and scaled.
+    """Distinct points, centered and scaled.
 
     Attributes:
         points: (N, 3), in units of a power of two near the length of the cloud.
         normals: (N, 3), unit, or None.
-        areas: (N,), area per point, or None.
         oriented: whether the signs of the normals mean anything.
     """
 
     points: Floats
     normals: Floats | None
-    areas: Floats | None
     oriented: bool
 
-    @property
-    def unsigned_source(self) -> SignSource:
-        """Where outward directions come from if no given signs are used."""
-        return "none" if self.normals is None else "axes"
-
-    def reduced(self, kept: Integers, moved: Floats) -> Cloud:
-        """Some of its points at other positions, without areas."""
-        return Cloud(moved, None if self.normals is None else self.normals[kept], None, self.oriented)
+    def at(self, moved: Floats, kept: Integers) -> Cloud:
+        """Some of its points at other positions."""
+        return Cloud(moved, None if self.normals is None else self.normals[kept], self.oriented)
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """What one look at a cloud found.
+    """What one reconstruction found.
 
     Attributes:
+        cloud: points with outward normals, and the samples among them.
+        surface: neighborhoods of the points.
         signs: where the outward directions came from.
-        normals: (N, 3), unit, outward, of all points of the cloud.
-        votes: with the quality of the samples and the first cut.
-        quality: see there.
-        cut: see there.
-        complex_: tetrahedra of the samples.
-        kept: (M,), indices of the samples in the cloud.
-        points: (M, 3), where the samples are taken to be.
-        spacing: typical distance between samples.
-        finest: that of the finest samples.
-        turned: when the normals were found.
-        wire: the reading as a thickened graph, or None.
-        preparation: see `Witness`.
-        is_widened: see `Witness`.
-        is_repeated: see `Witness`.
+        found: the orientation; None if the given signs are used.
+        votes: of every setting.
+        cut: the first one.
+        quality: how well the samples support the answer.
+        turned: when the normals were known, on the clock of `time.perf_counter`.
+        is_widened: whether the samples were shifted along their normals.
+        is_repeated: whether votes of smoothed samples were added.
     """
 
+    cloud: OrientedCloud
+    surface: Surface
     signs: Signs
-    normals: Floats
+    found: Orientation | None
     votes: tuple[Vote, ...]
-    quality: SampleQuality
     cut: Cut
-    complex_: DelaunayComplex
-    kept: Integers
-    points: Floats
-    spacing: float
-    finest: float
+    quality: SampleQuality
     turned: float
-    wire: WireReading | None = None
-    preparation: Preparation = "whole"
     is_widened: bool = False
     is_repeated: bool = False
+
+    @property
+    def has_given_signs(self) -> bool:
+        """Whether the outward directions are those of the given normals."""
+        return self.signs.source in ("given", "reversed")
+
+    def lids(self, settings: CloudSettings) -> tuple[UncoveredPatch, ...]:
+        """The patches of the found surface that cover holes of the cloud, largest first.
+
+        Noise leaves gaps in the surface that was found, too: with it, holes must be wider in proportion to the smallest
+        feature that is seen.
+        """
+        own = settings.quality
+        patches = uncovered_patches(self.cloud.complex_, self.cut.inside, self.cloud.points, own.uncovered)
+        least = own.lid * (self.feature(settings) / own.feature) ** 2
+        return tuple(patch for patch in patches if patch.missing > least)
+
+    def feature(self, settings: CloudSettings) -> float:
+        """Size of the smallest feature that is seen, in spacings of the samples."""
+        own = settings.quality
+        return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0)
+
+
+def look_at(cloud: Cloud, surface: Surface, settings: CloudSettings) -> Look:
+    """Reconstruct the surface of a cloud.
+
+    Args:
+        cloud: with more than ten points.
+        surface: neighborhoods of its points.
+        settings: see there.
+    """
+    begin("signs")
+    oriented, signs, found = _oriented(cloud, surface, settings)
+    turned = time.perf_counter()
+    begin("counting")
+    votes, cut = gather_votes(oriented, settings)
+    quality = sample_quality(oriented, surface, cut, settings)
+    return Look(oriented, surface, signs, found, votes, cut, quality, turned)
+
+
+def _oriented(
+    cloud: Cloud, surface: Surface, settings: CloudSettings
+) -> tuple[OrientedCloud, Signs, Orientation | None]:
+    """The cloud with outward normals, where their signs came from, and the orientation if one had to be found."""
+    points, given = cloud.points, cloud.normals
+    if given is not None and cloud.oriented:
+        areas = surface.areas(given)
+        consistent = consistent_signs(points, given, areas, surface.spacing, settings.given)
+    else:
+        consistent = None
+    outward = None if consistent is None else consistent.apply(given)
+    if consistent is not None and outward is not None:
+        sampler = Sampler(points, outward, surface.areas(), surface.thickness, settings)
+        samples = sampler.samples()
+        local, complex_ = complex_of(points[samples.kept], settings)
+        areas = surface.areas(outward)
+        return OrientedCloud(points, outward, areas, sampler, samples, local, complex_), consistent, None
+    faces, areas = find_faces(surface, settings.creases), surface.areas()
+    axes = faces.sharpened(surface.planes.axes) if given is None else given
+    carried = None
+    is_whole = len(points) <= settings.sampling.whole
+    if surface.roughness <= (settings.signs.smooth_roughness if is_whole else settings.signs.dense_roughness):
+        carried = propagate_signs(points, axes, areas, surface.neighbors, by_vote=faces.show, settings=settings.signs)
+    sampler = Sampler(points, None if carried is None else carried.normals, areas, surface.thickness, settings)
+    samples = sampler.samples(given, carried, faces)
+    local, complex_ = complex_of(points[samples.kept], settings)
+    begin("orientation")
+    found = orient_samples(samples, local, complex_, settings)
+    signs = Signs("none" if given is None else "axes", None, found.coverage)
+    if given is not None and cloud.oriented:
+        signs = compared_signs(given[samples.kept], found, complex_, settings)
+    outward = signs.apply(given)
+    if outward is None:
+        outward = samples.spread(found.normals, axes if carried is None else carried.normals)
+        outward = outward if given is None else turned_towards(given, outward)
+    areas = surface.areas(outward)
+    used = None if signs.coverage is None else found
+    return OrientedCloud(points, outward, areas, sampler, samples, local, complex_), signs, used

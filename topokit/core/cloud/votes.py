@@ -1,60 +1,47 @@
-"""Votes on the Euler characteristic of oriented samples: several Delaunay cuts and winding-number fields, and a tally.
+"""Votes on the Euler characteristic of an oriented cloud: several Delaunay cuts and winding-number fields.
 
-Two independent families look at the same samples: minimum cuts of Delaunay tetrahedra (several weights, original and
-smoothed positions, counted from inside and from outside) and winding-number fields on grids (several resolutions and
-smoothings), which vote where their grids are as fine as the samples. Of a large cloud half as many samples are cut
-once more, which tests convergence. The Euler characteristic of the surface is twice that of the solid.
+Two independent families examine the same surface: minimum cuts of Delaunay tetrahedra of samples (several weights,
+counted from inside and from outside) and winding-number fields on grids (several resolutions and smoothings), which
+vote where their grids are as fine as the samples. A second complex tests convergence: of samples moved onto the planes
+of their neighbors, or, of a large cloud, of half as many samples. The Euler characteristic of the surface is twice that
+of the solid.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.cut_counts import solid_eulers
-from topokit.core.cloud.delaunay_cut import Cut, CutWeights, DelaunayComplex, cut_complex, delaunay_complex
-from topokit.core.cloud.dense import BOUNDARY_POINTS, DenseCloud, Samples
-from topokit.core.cloud.downsampling import thin_along_curve
-from topokit.core.cloud.fields import field_tasks
-from topokit.core.cloud.neighborhoods import (
-    LocalGeometry,
-    crowded_shares,
-    flatten,
-    local_spacings,
-    typical_and_finest,
+from topokit.core.cloud.fields import Task, field_tasks
+from topokit.core.cloud.normals.patches import (
+    Neighborhoods,
+    Surface,
+    flattened,
+    neighborhoods_of,
+    opposite_neighbors,
 )
-from topokit.core.neighbors import neighbor_components
+from topokit.core.cloud.samples import Sampler, Samples
+from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.downsampling import thin_along_curve
+from topokit.core.cloud.settings import CloudSettings
+from topokit.core.cloud.solid.counts import solid_eulers
+from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, delaunay_complex
+from topokit.core.labels import connected_labels
 from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
 
-CUT_SETTINGS = (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0))
-SMOOTH_SETTINGS = CUT_SETTINGS[:2]
 CUT_FAMILIES: tuple[Family, ...] = ("cut", "smooth cut", "coarse cut", "shifted cut")
 """The families of Delaunay cuts."""
 
-WEIGHTS: dict[Family, tuple[float, ...]] = {
-    "cut": (1.5, 1.0, 1.0),
-    "smooth cut": (1.25, 1.0),
-    "coarse cut": (1.25, 1.0),
-    "shifted cut": (0.6, 0.4),
-    "field": (0.8, 0.8, 0.6),
-}
-"""Weight of each setting's vote; a cut shares its weight between the counts from inside and from outside."""
-
-_GRAPH = 9  # columns of the nearest neighbors that join samples to parts: the sample itself and eight
-_PROBES = 2000  # samples at which sheets are looked for that are far apart in spacings
-_MOST_IN_FIELD = 200_000  # points of a large cloud that its fields are made from
-
-_NEAR, _WIDE = 1.5, 2.5  # distances, in sample spacings, at which an opposite sheet counts as close
+_IN_COMPARISON = 2  # of the cuts' weights are used on the second complex and on shifted samples
 
 
 @dataclass(frozen=True)
@@ -62,8 +49,9 @@ class Vote:
     """Euler characteristic of the surface under one setting.
 
     Attributes:
-        family: "cut" (original positions), "smooth cut" (smoothed positions), "coarse cut" (half as many samples of a
-            large cloud), "shifted cut" (at positions that were not taken) or "field".
+        family: "cut" (the samples), "smooth cut" (the samples, moved onto the planes of their neighbors), "coarse cut"
+            (half as many samples of a large cloud), "shifted cut" (samples at positions that were not taken) or
+            "field".
         setting: index into the family's settings.
         eulers: counted from inside and from outside for a cut, one value for a field.
         n_samples: number of samples that it is made from.
@@ -74,11 +62,6 @@ class Vote:
     eulers: tuple[int, ...]
     n_samples: int = 0
 
-    @property
-    def weight(self) -> float:
-        """Weight of the vote, shared evenly by its values."""
-        return WEIGHTS[self.family][self.setting]
-
 
 @dataclass(frozen=True)
 class SampleQuality:
@@ -87,10 +70,8 @@ class SampleQuality:
     Attributes:
         coverage: share of the samples on the surface of the first cut.
         roughness: median distance of neighbors from the local plane, in sample spacings.
-        crowded_wide: share of samples with an opposite sheet within 2.5 sample spacings.
+        crowded_wide: share of the area with an opposite sheet within 2.5 spacings of all points.
         crowded_boundary: the same within 1.5 spacings of the points on which boundaries are looked for.
-
-    Of a large cloud all but the coverage are measured on all points, the shares as shares of the area.
     """
 
     coverage: float
@@ -100,134 +81,148 @@ class SampleQuality:
 
 
 @dataclass(frozen=True, eq=False)
-class CoarseSamples:
-    """Fewer samples of a large cloud than are looked at, which should show the same.
+class OrientedCloud:
+    """N points with outward normals, and the samples among them.
 
     Attributes:
-        kept: (M,), their indices in the cloud.
+        points: (N, 3), centered, of moderate extent.
+        normals: (N, 3), unit, outward.
+        areas: (N,), surface area that each point stands for.
+        sampler: chooses samples.
+        samples: the chosen ones.
+        local: their neighborhoods.
         complex_: their tetrahedra.
     """
 
-    kept: Integers
+    points: Floats
+    normals: Floats
+    areas: Floats
+    sampler: Sampler
+    samples: Samples
+    local: Neighborhoods
     complex_: DelaunayComplex
 
-
-def coarse_samples(cloud: DenseCloud, budget: int) -> CoarseSamples:
-    """At most so many samples where features are small."""
-    kept = cloud.samples(budget).kept
-    points = cloud.points[kept]
-    return CoarseSamples(kept, delaunay_complex(points, local_spacings(points)))
+    @property
+    def outward(self) -> Floats:
+        """(M, 3), the normals of the samples."""
+        return self.normals[self.samples.kept]
 
 
 def gather_votes(
-    points: Floats,
-    normals: Floats,
-    local: LocalGeometry,
-    areas: Floats,
-    complex_: DelaunayComplex,
-    made: Sequence[Cut] = (),
-) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
-    """The vote of every setting on all samples of a cloud of moderate size.
+    cloud: OrientedCloud, settings: CloudSettings, made: Sequence[Cut] = ()
+) -> tuple[tuple[Vote, ...], Cut]:
+    """The vote of every setting, and the first cut.
 
     Args:
-        points: (N, 3), centered, of moderate extent.
-        normals: (N, 3), unit, outward.
-        local: neighborhoods of the points.
-        areas: (N,), surface area that each sample stands for.
-        complex_: Delaunay tetrahedra of the points.
-        made: the cuts of the first settings that were made already.
-
-    Returns:
-        The votes, the quality of the samples, and the first cut.
+        cloud: with outward normals.
+        settings: see there.
+        made: the cuts of the samples with the first weights that were made already.
     """
-    spacing = float(np.sqrt(areas.mean()))
+    with ThreadPoolExecutor(n_cores()) as threads:
+        comparison = threads.submit(_comparison_votes, cloud, settings)
+        fields = [threads.submit(task) for task in _field_tasks(cloud, settings)]
+        votes, cuts = cut_votes("cut", cloud.complex_, cloud.outward, settings, made=made)
+        votes += comparison.result()
+        n_points = min(len(cloud.points), settings.fields.most_points)
+        votes += [Vote("field", k, (euler,), n_points) for field in fields for k, euler in field.result()]
+    return tuple(votes), cuts[0]
+
+
+def cut_votes(
+    family: Family,
+    complex_: DelaunayComplex,
+    normals: Floats,
+    settings: CloudSettings,
+    *,
+    made: Sequence[Cut] = (),
+    count: int | None = None,
+) -> tuple[list[Vote], tuple[Cut, ...]]:
+    """The votes of a complex under the first few weights, and the cuts.
+
+    Args:
+        family: of the votes.
+        complex_: tetrahedra of M samples.
+        normals: (M, 3), unit, outward.
+        settings: with the weights.
+        made: cuts with the first weights that were made already.
+        count: number of weights, by default all.
+    """
+    weights = settings.cuts.weights[:count]
+    cuts = (*made, *(cut_complex(complex_, normals, one) for one in weights[len(made) :]))
+    eulers = [surface_eulers(complex_, cut) for cut in cuts]
+    return [Vote(family, k, both, len(complex_.points)) for k, both in enumerate(eulers)], cuts
+
+
+def _comparison_votes(cloud: OrientedCloud, settings: CloudSettings) -> list[Vote]:
+    if cloud.samples.is_all:
+        moved, outward = flattened(cloud.outward, cloud.local, settings.patches), cloud.outward
+        complex_ = delaunay_complex(moved, cloud.local.spacings)
+        return cut_votes("smooth cut", complex_, outward, settings, count=_IN_COMPARISON)[0]
+    half = cloud.sampler.chosen(len(cloud.samples.kept) // 2)[0]
+    complex_ = complex_of(cloud.points[half], settings)[1]
+    return cut_votes("coarse cut", complex_, cloud.normals[half], settings, count=_IN_COMPARISON)[0]
+
+
+def complex_of(points: Floats, settings: CloudSettings) -> tuple[Neighborhoods, DelaunayComplex]:
+    """The neighborhoods and the tetrahedra of samples (M, 3)."""
+    local = neighborhoods_of(points, settings.patches)
+    return local, delaunay_complex(points, local.spacings)
+
+
+def _field_tasks(cloud: OrientedCloud, settings: CloudSettings) -> Sequence[Task]:
+    part = thin_along_curve(cloud.points, settings.fields.most_points)
+    areas = cloud.areas[part] * (len(cloud.points) / len(part))
 
     def parts() -> Integers:
-        return neighbor_components(torch.from_numpy(local.index[:, 1:_GRAPH])).numpy()
+        index = cloud.local.index[:, 1 : settings.patches.graph + 1]
+        own = np.repeat(np.arange(len(index)), index.shape[1])
+        return connected_labels(len(index), own, index.ravel())[cloud.samples.owner[part]]
 
-    with ThreadPoolExecutor(n_cores()) as threads:
-        cuts = [threads.submit(cut_complex, complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :]]
-        smooth = threads.submit(_cut_votes, "smooth cut", flatten(points, normals, local), normals, local.spacings)
-        fields = [threads.submit(task) for task in field_tasks(points, normals, areas, spacing, parts)]
-        all_cuts = [*made, *(cut.result() for cut in cuts)]
-        votes = _votes_of("cut", complex_, all_cuts)
-        votes += [*smooth.result(), *_field_votes(fields, len(points))]
-    near, wide = crowded_shares(points, normals, local.wide_index, spacing, (_NEAR, _WIDE))
-    return tuple(votes), SampleQuality(all_cuts[0].coverage, local.roughness, wide, near), all_cuts[0]
+    return field_tasks(cloud.points[part], cloud.normals[part], areas, cloud.local.finest, parts, settings.fields)
 
 
-def gather_dense_votes(
-    cloud: DenseCloud,
-    normals: Floats,
-    samples: Samples,
-    local: LocalGeometry,
-    complex_: DelaunayComplex,
-    few: CoarseSamples,
-    made: Sequence[Cut] = (),
-) -> tuple[tuple[Vote, ...], SampleQuality, Cut]:
-    """The vote of every setting on a large cloud: on its samples, on half as many, and on grids that are fine enough.
+def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: CloudSettings) -> SampleQuality:
+    """How well the samples of a cloud support an answer.
 
     Args:
-        cloud: all points.
-        normals: (N, 3), unit, outward, of all points.
-        samples: those that the tetrahedra are made of.
-        local: neighborhoods of the samples.
-        complex_: Delaunay tetrahedra of the samples.
-        few: fewer samples, for comparison.
-        made: the cuts of the first settings that were made already.
-
-    Returns:
-        As for `gather_votes`.
+        cloud: with outward normals.
+        surface: neighborhoods of its points.
+        cut: the first cut.
+        settings: of the distances at which sheets are close.
     """
-    chosen = normals[samples.kept]
-    part, finest = thin_along_curve(cloud.points, _MOST_IN_FIELD), typical_and_finest(local.spacings)[1]
-    areas = cloud.surface.areas[part] * (len(cloud.points) / len(part))
-    cuts = []
-    with ThreadPoolExecutor(n_cores()) as threads:
-        coarse = threads.submit(_votes_of_cuts, "coarse cut", few.complex_, normals[few.kept])
-        tasks = field_tasks(cloud.points[part], normals[part], areas, finest, lambda: cloud.propagation.parts[part])
-        fields = []
-        for k in range(max(len(tasks), len(CUT_SETTINGS))):  # in turn: flows hold the interpreter's lock, fields do not
-            fields += [threads.submit(task) for task in tasks[k : k + 1]]
-            if k >= len(made):
-                cuts += [threads.submit(cut_complex, complex_, chosen, weights) for weights in CUT_SETTINGS[k : k + 1]]
-        quality = _dense_quality(cloud, normals, samples, local.spacing)
-        all_cuts = [*made, *(cut.result() for cut in cuts)]
-        votes = _votes_of("cut", complex_, all_cuts)
-        votes += [*coarse.result(), *_field_votes(fields, len(part))]
-    return tuple(votes), replace(quality, coverage=all_cuts[0].coverage), all_cuts[0]
+    sampling, quality = settings.sampling, settings.quality
+    coarser = quality.near * max(len(cloud.points) / sampling.boundary_points, 1.0) ** 0.5
+    few = cloud.samples.kept[:: -(-len(cloud.samples.kept) // sampling.probes)]
+    return SampleQuality(
+        coverage=cut.coverage,
+        roughness=surface.thickness / cloud.local.spacing,
+        crowded_wide=crowded_share(surface, cloud.normals, cloud.samples.kept, quality.wide, settings),
+        crowded_boundary=crowded_share(surface, cloud.normals, few, coarser, settings),
+    )
 
 
-def _dense_quality(cloud: DenseCloud, normals: Floats, samples: Samples, spacing: float) -> SampleQuality:
-    """All but the coverage, which the first cut tells; the spacing is that of the samples."""
-    (wide,) = cloud.crowded_shares(samples, normals, (_WIDE,))
-    coarser = _NEAR * max(len(cloud.points) / BOUNDARY_POINTS, 1.0) ** 0.5
-    (boundary,) = cloud.crowded_shares(samples, normals, (coarser,), most_samples=_PROBES)
-    return SampleQuality(0.0, cloud.surface.thickness / spacing, wide, boundary)
+def crowded_share(surface: Surface, normals: Floats, at: Integers, reach: float, settings: CloudSettings) -> float:
+    """Share of some points with an opposite sheet nearer than some local spacings, less than one spacing sideways.
 
+    Where it is not nearly zero, walls or gaps are thinner than the points can resolve, and all settings may agree on a
+    wrong integer.
 
-def cut_votes(complex_: DelaunayComplex, normals: Floats, made: Sequence[Cut]) -> tuple[list[Vote], Cut]:
-    """The votes of all cuts of samples where they are, of which the first were made already, and the first cut."""
-    cuts = [*made, *(cut_complex(complex_, normals, weights) for weights in CUT_SETTINGS[len(made) :])]
-    return _votes_of("cut", complex_, cuts), cuts[0]
-
-
-def _cut_votes(family: Family, points: Floats, normals: Floats, spacings: Floats) -> list[Vote]:
-    return _votes_of_cuts(family, delaunay_complex(points, spacings), normals)
-
-
-def _votes_of_cuts(family: Family, complex_: DelaunayComplex, normals: Floats) -> list[Vote]:
-    cuts = [cut_complex(complex_, normals, weights) for weights in SMOOTH_SETTINGS]
-    return _votes_of(family, complex_, cuts)
-
-
-def _votes_of(family: Family, complex_: DelaunayComplex, cuts: Sequence[Cut]) -> list[Vote]:
-    """One vote for each cut, in the order of the family's settings."""
-    return [Vote(family, k, surface_eulers(complex_, cut), len(complex_.points)) for k, cut in enumerate(cuts)]
-
-
-def _field_votes(fields: Sequence[Future[list[tuple[int, int]]]], n_points: int) -> list[Vote]:
-    return [Vote("field", setting, (euler,), n_points) for field in fields for setting, euler in field.result()]
+    Args:
+        surface: neighborhoods of N points.
+        normals: (N, 3), unit, outward.
+        at: (M,), indices of the points at which sheets are looked for.
+        reach: distance of the opposite sheet, in spacings.
+        settings: of the cosine.
+    """
+    points = surface.points
+    at = at[curve_order(points[at])[0]]  # queries near each other are faster
+    n_neighbors = min(int(np.ceil(np.pi * reach**2)) * 2, len(points))
+    index = surface.tree.query(points[at], n_neighbors)[1].reshape(len(at), -1)
+    opposite, height, side = opposite_neighbors(
+        points[at], normals[at], points[index], normals[index], settings.patches
+    )
+    spacing = np.sqrt(surface.areas(normals)[surface.around[at]].mean(1, keepdims=True))
+    return float((opposite & (side < spacing**2) & (np.abs(height) < reach * spacing)).any(1).mean())
 
 
 def surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
@@ -236,16 +231,13 @@ def surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
 
 
 def tally(votes: Iterable[Vote]) -> tuple[int, float]:
-    """The Euler characteristic of greatest weight (of equal ones the nearest to zero) and its share of all weight."""
-    weight: dict[int, float] = {}
-    total = 0.0
-    for vote in votes:
-        for euler in vote.eulers:
-            share = vote.weight / len(vote.eulers)
-            weight[euler] = weight.get(euler, 0.0) + share
-            total += share
-    euler = max(weight, key=lambda value: (weight[value], -abs(value)))
-    return euler, weight[euler] / total
+    """The most frequent Euler characteristic (of equally frequent ones the nearest to zero) and its share.
+
+    Votes of positions that were not taken do not count.
+    """
+    values = [euler for vote in votes if vote.family != "shifted cut" for euler in vote.eulers]
+    euler = max(values, key=lambda value: (values.count(value), -abs(value)))
+    return euler, values.count(euler) / len(values)
 
 
 def values_of(votes: Sequence[Vote], *families: Family) -> list[int]:

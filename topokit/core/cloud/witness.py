@@ -6,198 +6,238 @@ It returns numbers; `topokit.report.verdict` decides how far they may be believe
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.cloud.copies import distinct
-from topokit.core.cloud.cubes import curve_order
-from topokit.core.cloud.cut_counts import count_parts
-from topokit.core.cloud.cut_surface import cut_surface
-from topokit.core.cloud.dense import MOST_POINTS, thinned
-from topokit.core.cloud.findings import Signs, SmoothedLook, Witness
-from topokit.core.cloud.look import Cloud, Look
-from topokit.core.cloud.looks import look_at
-from topokit.core.cloud.neighborhoods import (
+from topokit.core.cloud.findings import Preparation, Witness
+from topokit.core.cloud.given import Signs, consistent_signs
+from topokit.core.cloud.guards import (
     FEWEST_POINTS,
     centered_positions,
-    project_to_planes,
-    unit,
+    refuse_filled_space,
+    single_precision_step,
 )
-from topokit.core.cloud.planes import turned_towards
-from topokit.core.cloud.rounding import single_precision_step
-from topokit.core.cloud.stage_seconds import stage_seconds
-from topokit.core.cloud.uncovered import uncovered_patches
-from topokit.core.cloud.votes import tally
-from topokit.core.cloud.wires import WireReading
+from topokit.core.cloud.look import Cloud, Look, look_at
+from topokit.core.cloud.noise import averaged
+from topokit.core.cloud.normals.patches import Surface, surface_of, turned_towards, unit
+from topokit.core.cloud.retries import look_again
+from topokit.core.cloud.sampling.copies import distinct
+from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.downsampling import thin_along_curve
+from topokit.core.cloud.settings import CloudSettings
+from topokit.core.cloud.solid.counts import count_parts
+from topokit.core.cloud.solid.surface import cut_surface
+from topokit.core.cloud.solid.wires import WireReading, read_wire
+from topokit.core.cloud.votes import SampleQuality, crowded_share, tally
 from topokit.core.neighbors.kd_tree import nearest_in_tree
 from topokit.core.processors import one_thread
-from topokit.core.progress import stages
+from topokit.core.progress import begin, stages
 from topokit.errors import InputError
 
-__all__ = ["Signs", "SmoothedLook", "Witness", "global_witness"]
+__all__ = ["CloudSettings", "Signs", "Witness", "global_witness"]
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_ROUGH = 0.5  # roughness from which a cloud may be looked at again, smoothed
-_WIDE = 64  # neighbors of that smoothing
-_CONTRADICTION = 0.5  # agreement below which the second look is taken
-_UNANIMOUS = 0.9  # agreement of the smoothed cloud from which its integer is taken over
 _QUERIES = 1 << 20  # points whose nearest neighbors are looked up at once
-_SMALLEST_FEATURE = 2.5  # sample spacings that a feature must measure to be seen in clean samples
-_BLUR = 2.0  # by how many spacings more for each spacing of roughness beyond that of clean samples
-_CLEAN = 0.15  # roughness of clean samples of curved surfaces
 
 
 @one_thread()
 def global_witness(
-    points: Tensor,
-    normals: Tensor | None = None,
-    areas: Tensor | None = None,
-    *,
-    oriented: bool = True,
-    may_smooth: Callable[[], bool] | None = None,
+    points: Tensor, normals: Tensor | None = None, *, oriented: bool = True, settings: CloudSettings | None = None
 ) -> Witness:
     """The global evidence about a cloud's closed surface.
 
-    Of more than 30 000 points the normals and signs are found at full density (of more than two million, at two
-    million); then 20 000 samples are taken where features are small. Runs on the CPU, is deterministic, and is not
-    differentiable.
+    Normals and their signs are found at full density (of more than two million points, at two million). Of more than
+    30 000 points, 20 000 samples are then taken where features are small, or, if the noise is larger than the spacing,
+    evenly. Minimum cuts of Delaunay tetrahedra of the samples and winding-number fields vote; where votes differ, more,
+    shifted or smoothed samples are examined. Runs on the CPU, is deterministic, and is not differentiable.
 
     Args:
         points: (N, 3) samples of a surface, any float dtype and device.
         normals: (N, 3), any positive length, outward; found if None, reversed if they all point inward, and found anew
             if they contradict each other.
-        areas: (N,), surface area that each sample stands for; estimated from the neighbors if None.
         oriented: whether the signs of the normals mean anything; if not, the normals are axes and their signs are
             found.
-        may_smooth: asked whether a cloud that is noisier than its spacing may be looked at again, smoothed; by default
-            it may.
+        settings: every number of the method; the measured ones by default.
 
     Raises:
-        InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or coinciding, and for
-            normals or areas that do not fit the points or are not finite.
+        InputError: for fewer than 32 points, points that are not finite, in a plane, on a line or coinciding, points
+            that fill space, and for normals that do not fit the points or are not finite.
     """
-    start = time.perf_counter()
-    positions, unit_length = centered_positions(_as_floats(points))
-    given = None if normals is None else unit(_matching(normals, positions.shape, "normals"))
-    scaled = None if areas is None else _matching(areas, positions.shape[:1], "areas") / unit_length**2
-    chosen = thinned(positions)
-    first, owner = _in_order(positions[chosen])
-    if len(first) < FEWEST_POINTS:
-        raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
-    kept = chosen[first]
-    summed = None if scaled is None else _summed(scaled[chosen], owner, len(positions) / len(chosen))
-    with stages(stage_seconds(len(kept))):
-        look = look_at(Cloud(positions[kept], None if given is None else given[kept], summed, oriented))
-    components, cavities = count_parts(look.complex_, look.cut.inside)
+    settings, start = settings or CloudSettings(), time.perf_counter()
+    entry = _Entry.of(points, normals, oriented, settings)
+    with stages(_stage_weights(len(entry.kept), settings)):
+        begin("neighborhoods")
+        cloud = entry.cloud
+        surface = surface_of(cloud.points, settings.patches)
+        strand = read_wire(cloud.points, surface.tree, settings.wires)
+        if strand is not None:
+            return _wire_witness(entry, surface, *strand, settings, start)
+        refuse_filled_space(cloud.points, settings.guards)
+        preparation: Preparation = "whole" if len(cloud.points) <= settings.sampling.whole else "sampled"
+        fewer = averaged(surface, settings)
+        owner = np.arange(len(cloud.points))
+        if fewer is not None:
+            moved, kept, owner = fewer
+            cloud, preparation = cloud.at(moved, kept), "averaged"
+            surface, entry = surface_of(moved, settings.patches), entry.reduced(kept)
+        look = look_again(look_at(cloud, surface, settings), settings)
+        return _solid_witness(entry, look, owner, preparation, settings, start)
+
+
+@dataclass(frozen=True, eq=False)
+class _Entry:
+    """Where the points of a cloud came from.
+
+    Attributes:
+        positions: (N, 3), all points given, centered and scaled.
+        given: (N, 3), their unit normals, or None.
+        cloud: the distinct ones among those that are measured, in the order of a curve.
+        chosen: (C,), indices of the points that are measured.
+        kept: (M,), indices of the cloud's points.
+        owner: (C,), the point of the cloud at the place of each.
+        unit_length: of the positions.
+        rounding: step between neighboring coordinates, in units of length.
+    """
+
+    positions: Floats
+    given: Floats | None
+    cloud: Cloud
+    chosen: Integers
+    kept: Integers
+    owner: Integers
+    unit_length: float
+    rounding: float
+
+    @classmethod
+    def of(cls, points: Tensor, normals: Tensor | None, oriented: bool, settings: CloudSettings) -> _Entry:
+        positions, unit_length = centered_positions(_as_floats(points))
+        given = None if normals is None else unit(_matching(normals, positions.shape, "normals"))
+        chosen = thin_along_curve(positions, settings.sampling.most_points)
+        first, group = distinct(positions[chosen])
+        if len(first) < FEWEST_POINTS:
+            raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
+        order = curve_order(positions[chosen[first]])[0]  # neighbors in space are neighbors in memory
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        kept = chosen[first[order]]
+        cloud = Cloud(positions[kept], None if given is None else given[kept], oriented)
+        return cls(positions, given, cloud, chosen, kept, rank[group], unit_length, single_precision_step(points))
+
+    def reduced(self, kept: Integers) -> _Entry:
+        """The same for some of the cloud's points."""
+        return replace(self, kept=self.kept[kept])
+
+    def normals(self, signs: Signs, outward: Floats) -> Floats:
+        """Outward unit normals (N, 3) for all points given, from those of the cloud."""
+        known = signs.apply(self.given)
+        if known is not None:
+            return known
+        normals = outward[self.owner]
+        if len(self.chosen) < len(self.positions):
+            normals = normals[_nearest(self.positions[self.chosen], self.positions)]
+        return normals if self.given is None else turned_towards(self.given, normals)
+
+
+def _solid_witness(
+    entry: _Entry, look: Look, owner: Integers, preparation: Preparation, settings: CloudSettings, start: float
+) -> Witness:
+    cloud, inside = look.cloud, look.cut.inside
     euler, agreement = tally(look.votes)
-    quality = look.quality
-    witness = Witness(
+    components, cavities = count_parts(cloud.complex_, inside)
+    used = entry.kept[cloud.samples.kept]
+    surface = cut_surface(cloud.complex_, inside, euler)
+    return Witness(
         euler=euler,
         agreement=agreement,
         votes=look.votes,
-        quality=quality,
+        quality=look.quality,
         signs=look.signs,
-        smoothed=None,
         components=components,
         cavities=cavities,
-        normals=_normals_of_all(positions, chosen, owner, given, look),
-        n_points=len(positions),
-        n_used=len(look.kept),
-        spacing=look.spacing * unit_length,
-        resolution=look.finest * unit_length * (_SMALLEST_FEATURE + _BLUR * max(quality.roughness - _CLEAN, 0.0)),
-        seconds={
-            "orientation": look.turned - start,
-            "votes": time.perf_counter() - look.turned,
-        },
-        surface=None,
-        preparation=look.preparation,
+        normals=entry.normals(look.signs, cloud.normals[owner]),
+        n_points=len(entry.positions),
+        n_used=len(used),
+        spacing=cloud.local.spacing * entry.unit_length,
+        resolution=cloud.local.finest * entry.unit_length * look.feature(settings),
+        seconds={"orientation": look.turned - start, "votes": time.perf_counter() - look.turned},
+        surface=replace(surface, points=used[surface.points]),
+        preparation=preparation,
         is_widened=look.is_widened,
         is_repeated=look.is_repeated,
-        rounding=single_precision_step(points),
+        rounding=entry.rounding,
+        lids=tuple(replace(patch, samples=used[patch.samples]) for patch in look.lids(settings)),
     )
-    if look.wire is not None:
-        return _as_wire(witness, look.wire)
-    surface = cut_surface(look.complex_, look.cut.inside, euler)
-    patches = uncovered_patches(look.complex_, look.cut.inside, positions[kept])
-    used = kept[look.kept]
-    surface = replace(surface, points=used[surface.points])
-    uncovered = tuple(replace(patch, samples=used[patch.samples]) for patch in patches)
-    witness = replace(witness, surface=surface, uncovered=uncovered)
-    return _second_look(witness, look.points, may_smooth)
 
 
-def _in_order(points: Floats) -> tuple[Integers, Integers]:
-    """As `distinct`, but many points in the order of a curve: neighbors in space are neighbors in memory."""
-    first, owner = distinct(points)
-    if len(first) <= MOST_POINTS:
-        return first, owner
-    order, _ = curve_order(points[first])
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return first[order], rank[owner]
+def _wire_witness(
+    entry: _Entry,
+    surface: Surface,
+    wire: WireReading,
+    kept: Integers,
+    owner: Integers,
+    settings: CloudSettings,
+    start: float,
+) -> Witness:
+    """The evidence about a thickened graph: no cuts and no fields, whose walls would be thinner than the spacing."""
+    cloud, quality = entry.cloud, settings.quality
+    outward, signs = wire.normals[owner], Signs("none", None, None)
+    if cloud.normals is not None:
+        areas, outward = surface.areas(cloud.normals), turned_towards(cloud.normals, outward)
+        found = consistent_signs(cloud.points, cloud.normals, areas, surface.spacing, settings.given)
+        signs = found if found is not None and cloud.oriented else Signs("axes", None, None)
+    spacing = surface.spacing * (len(cloud.points) / len(kept)) ** 0.5
+    near, wide = (crowded_share(surface, outward, kept, reach, settings) for reach in (quality.near, quality.wide))
+    return Witness(
+        euler=wire.euler,
+        agreement=wire.share,
+        votes=(),
+        quality=SampleQuality(1 - wire.n_stray / len(kept), surface.thickness / spacing, wide, near),
+        signs=signs,
+        components=wire.components,
+        cavities=0,
+        normals=entry.normals(signs, outward),
+        n_points=len(entry.positions),
+        n_used=len(kept),
+        spacing=spacing * entry.unit_length,
+        resolution=spacing * entry.unit_length * quality.feature,
+        seconds={"orientation": time.perf_counter() - start, "votes": 0.0},
+        surface=None,
+        preparation="wire" if len(kept) < len(cloud.points) else "whole",
+        wire=wire,
+        rounding=entry.rounding,
+    )
 
 
-def _normals_of_all(positions: Floats, chosen: Integers, owner: Integers, given: Floats | None, look: Look) -> Floats:
-    """Outward unit normals (N, 3) for all points, from those of the distinct ones among the chosen."""
-    outward = look.signs.apply(given)
-    if outward is not None:
-        return outward
-    normals = look.normals[owner]
-    if len(chosen) < len(positions):
-        normals = normals[_nearest(positions[chosen], positions)]
-    return normals if given is None else turned_towards(given, normals)
+def _stage_weights(n_points: int, settings: CloudSettings) -> Mapping[str, float]:
+    """About how many seconds each stage takes on one processor, for the bar that shows progress."""
+    millions, samples = n_points / 1e6, min(n_points, settings.sampling.samples) / 1e4
+    return {
+        "neighborhoods": 10 * millions,
+        "signs": 3 * millions,
+        "orientation": 0.5 * samples,
+        "counting": 2 * samples + millions,
+    }
 
 
 def _nearest(targets: Floats, points: Floats) -> Integers:
     """Index of the nearest target (M, 3) of every point (N, 3)."""
     tree = cKDTree(targets, balanced_tree=False, compact_nodes=False)
     found = np.empty(len(points), dtype=np.int64)
-    for rows in np.array_split(curve_order(points)[0], -(-len(points) // _QUERIES)):  # near each other: twice as fast
+    for rows in _near_each_other(points):
         found[rows] = nearest_in_tree(tree, points[rows], 1)
     return found
 
 
-def _as_wire(witness: Witness, wire: WireReading) -> Witness:
-    """The same evidence with the integer of a thickened graph."""
-    return replace(witness, euler=wire.euler, components=wire.components, cavities=0, wire=wire)
-
-
-def _second_look(witness: Witness, points: Floats, may_smooth: Callable[[], bool] | None) -> Witness:
-    """Where noise exceeds the spacing and the votes contradict each other, look again at smoothed points.
-
-    The points are projected onto the planes of wide neighborhoods. Their integer is taken over if nearly all votes then
-    agree.
-    """
-    noisy = witness.quality.roughness >= _ROUGH and witness.agreement < _CONTRADICTION
-    if not noisy or len(points) <= _WIDE or witness.preparation == "sampled":
-        return witness
-    if may_smooth is not None and not may_smooth():
-        return witness
-    with stages({}):  # nobody is told again of the same stages
-        again = global_witness(torch.from_numpy(project_to_planes(points, _WIDE)), may_smooth=lambda: False)
-    if again.agreement < _UNANIMOUS or again.wire is not None:
-        return witness
-    return replace(
-        witness,
-        euler=again.euler,
-        smoothed=SmoothedLook(again.euler, again.agreement, _WIDE),
-        components=again.components,
-        cavities=again.cavities,
-        resolution=witness.resolution * _WIDE**0.5,
-        surface=None,
-    )
-
-
-def _summed(areas: Floats, owner: Integers, factor: float) -> Floats:
-    return np.asarray(np.bincount(owner, areas) * factor, dtype=np.float64)
+def _near_each_other(points: Floats) -> Iterator[Integers]:
+    """Rows in blocks of points near each other, whose queries are twice as fast."""
+    yield from np.array_split(curve_order(points)[0], -(-len(points) // _QUERIES))
 
 
 def _as_floats(values: Tensor) -> Floats:

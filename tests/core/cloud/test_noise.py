@@ -1,0 +1,142 @@
+"""Noise is measured, averaged away where it exceeds the spacing, and left alone where it does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from topokit.core.cloud.noise import averaged, noise_level
+from topokit.core.cloud.normals.patches import Surface, surface_of
+from topokit.core.cloud.settings import CloudSettings, SamplingSettings
+from topokit.core.cloud.witness import global_witness
+from topokit.testing import sphere_samples, torus_samples
+
+Floats = NDArray[np.float64]
+SETTINGS = CloudSettings()
+SAMPLES = {"sphere": sphere_samples, "torus": torus_samples}
+EULER = {"sphere": 2, "torus": 0}
+
+
+def noisy(shape: str, n_points: int, sigma: float) -> Floats:
+    """Even samples of a shape of radius 1, with independent normal errors in all three coordinates."""
+    return SAMPLES[shape](n_points).points.numpy() + sigma * np.random.default_rng(0).normal(size=(n_points, 3))
+
+
+def around(points: Floats) -> Surface:
+    return surface_of(points, SETTINGS.patches)
+
+
+def distance(shape: str, points: Floats) -> Floats:
+    """Signed distance of points from the sphere or torus."""
+    if shape == "sphere":
+        return np.linalg.norm(points, axis=1) - 1
+    return np.hypot(np.hypot(*points[:, :2].T) - 1, points[:, 2]) - 0.4
+
+
+@pytest.mark.parametrize("shape", SAMPLES)
+@pytest.mark.parametrize("sigma", [0.01, 0.02, 0.04])
+@pytest.mark.parametrize("n_points", [10_000, 20_000])
+def test_the_noise_is_measured(shape: str, sigma: float, n_points: int) -> None:
+    """From a quarter of the spacing to twice as much."""
+    found = noise_level(around(noisy(shape, n_points, sigma)), CloudSettings())
+    assert found == pytest.approx(sigma, rel=0.16)
+
+
+def test_the_noise_has_the_unit_of_the_points() -> None:
+    points = noisy("sphere", 5000, 0.04)
+    plain, scaled = (noise_level(around(cloud), CloudSettings()) for cloud in (points, 1000 * points + 7))
+    assert plain is not None
+    assert scaled == pytest.approx(1000 * plain, rel=1e-6)
+
+
+@pytest.mark.parametrize("thickness", [10, 20, 40])
+def test_the_thickness_of_walls_is_no_noise(thickness: float) -> None:
+    """Neighborhoods wider than a wall have its thickness, whatever their size."""
+    draws, sigma = np.random.default_rng(0), 0.01
+    points = np.append(draws.uniform(-1, 1, (40_000, 2)), draws.choice([-0.5, 0.5], (40_000, 1)), axis=1)
+    noisy_points = points * [1, 1, thickness * sigma] + sigma * draws.normal(size=points.shape)  # a spacing
+    assert noise_level(around(noisy_points), CloudSettings()) == pytest.approx(sigma, rel=0.2)
+
+
+def test_few_points_have_neighborhoods_of_fewer_sizes() -> None:
+    assert noise_level(around(noisy("sphere", 400, 0.1)), CloudSettings()) == pytest.approx(0.1, rel=0.5)
+
+
+@pytest.mark.parametrize("n_points", [3000, 40_000])
+def test_clean_clouds_are_left_alone(n_points: int) -> None:
+    assert averaged(around(noisy("torus", n_points, 0.0)), SETTINGS) is None
+    assert averaged(around(noisy("sphere", n_points, 0.1 * (4 * np.pi / n_points) ** 0.5)), SETTINGS) is None
+
+
+def test_small_clouds_are_left_alone() -> None:
+    points = noisy("sphere", 5000, 0.05)  # a spacing
+    large = CloudSettings(sampling=SamplingSettings(whole=4000, samples=3000))
+    assert averaged(around(points), SETTINGS) is None
+    assert averaged(around(points), large) is not None
+
+
+@pytest.mark.parametrize("shape", SAMPLES)
+@pytest.mark.parametrize("sigma", [0.02, 0.04])
+def test_fewer_points_lie_nearer_to_the_surface(shape: str, sigma: float) -> None:
+    settings = CloudSettings(sampling=SamplingSettings(whole=10_000, samples=5000))
+    points = noisy(shape, 20_000, sigma)
+    found = averaged(around(points), settings)
+    assert found is not None
+    moved, kept, owner = found
+    assert moved.shape == (len(kept), 3)
+    assert 1000 < len(kept) <= 10_000
+    assert (np.diff(kept) > 0).all()
+    np.testing.assert_array_equal(owner[kept], np.arange(len(kept)))
+    way = distance(shape, moved)
+    assert np.std(way) < 0.6 * sigma
+    assert abs(np.mean(way)) < 0.1 * sigma
+    spacing = (SAMPLES[shape](4).area / len(kept)) ** 0.5
+    assert spacing > 0.9 * sigma  # details below that are lost
+
+
+@pytest.mark.parametrize("shape", SAMPLES)
+def test_a_cloud_slightly_larger_than_one_that_is_used_whole_has_the_same_integer(shape: str) -> None:
+    settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3300))
+    for n_points, preparation in ((4000, "whole"), (6000, "averaged")):
+        witness = global_witness(torch.from_numpy(noisy(shape, n_points, 0.02)), settings=settings)
+        assert (witness.euler, witness.preparation) == (EULER[shape], preparation)
+        assert witness.agreement == 1
+
+
+@pytest.mark.parametrize("shape", SAMPLES)
+def test_noise_of_a_spacing_is_averaged(shape: str) -> None:
+    settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3300))
+    witness = global_witness(torch.from_numpy(noisy(shape, 6000, 0.05)), settings=settings)
+    assert (witness.euler, witness.preparation) == (EULER[shape], "averaged")
+    assert witness.agreement > 0.9
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("sigma", "preparation"), [(0.005, "sampled"), (0.02, "averaged")])
+def test_forty_thousand_noisy_points(sigma: float, preparation: str) -> None:
+    known = torus_samples(40_000)
+    witness = global_witness(torch.from_numpy(noisy("torus", 40_000, sigma)))
+    assert (witness.euler, witness.preparation, witness.agreement) == (0, preparation, 1)
+    assert ((torch.from_numpy(witness.normals) * known.normals).sum(1) > 0).double().mean() > 0.95
+    assert witness.normals.shape == (40_000, 3)
+    assert witness.surface is not None
+    assert witness.surface.points.max() < 40_000
+
+
+def test_noise_of_two_spacings_leaves_few_samples_and_their_signs_are_found() -> None:
+    """Around so few samples a coarse grid must not have many cells."""
+    points, settings = noisy("sphere", 4000, 0.1), CloudSettings(sampling=SamplingSettings(whole=3000, samples=2000))
+    witness = global_witness(torch.from_numpy(points), settings=settings)
+    assert (witness.euler, witness.preparation, witness.agreement) == (2, "averaged", 1)
+    assert witness.n_used < 1000
+    assert ((witness.normals * points).sum(1) > 0).mean() > 0.95
+
+
+@pytest.mark.parametrize(("shape", "sigma"), [("sphere", 0.1), ("torus", 0.08)])
+def test_noise_of_four_spacings_is_seen_in_neighborhoods_of_thousands(shape: str, sigma: float) -> None:
+    witness = global_witness(torch.from_numpy(noisy(shape, 40_000, sigma)))
+    assert (witness.euler, witness.preparation) == (EULER[shape], "averaged")
+    assert witness.agreement > 0.9
+    assert witness.n_used < 2000

@@ -1,0 +1,218 @@
+"""Where votes differ: more samples, samples shifted along their normals, or smoothed samples.
+
+More samples of a large cloud tell what changes with their number and so is not the surface's.
+
+Where two sheets are closer than the sample spacing, tetrahedra join the wrong ones. A shift outward thickens the wall
+between them, a shift inward widens the gap, and neither changes the topology as long as the way is free. Several shifts
+compete. All samples lie on the surface, so that shift is the best whose cuts leave the fewest of them off it. That
+holds for given normals. Found ones fit the solid that they were found with, so coverage is biased: every shift corrects
+them first, and the majority among the shifts whose own cuts agree is taken.
+
+Noisy samples are moved onto the planes of their neighbors, and everything is done again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.cloud.look import Cloud, Look, look_at
+from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, surface_of
+from topokit.core.cloud.orientation import Orientation
+from topokit.core.cloud.settings import CloudSettings, ShiftSettings
+from topokit.core.cloud.solid.poles import normals_by_poles
+from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex
+from topokit.core.cloud.votes import (
+    OrientedCloud,
+    Vote,
+    complex_of,
+    cut_votes,
+    gather_votes,
+    surface_eulers,
+    tally,
+    values_of,
+)
+from topokit.core.progress import stages
+
+Floats = NDArray[np.float64]
+
+
+def look_again(look: Look, settings: CloudSettings) -> Look:
+    """The same if all votes agree or if no surface shows; else what more, shifted or smoothed samples add."""
+    is_unanimous = tally(look.votes)[1] == 1
+    is_noisy = look.found is not None and look.found.coverage < settings.orientation.interpolating
+    if is_noisy and look.cloud.samples.is_all:
+        return look if is_unanimous and not look.lids(settings) else _with_less_noise(look, settings)
+    is_hidden = not look.has_given_signs and look.quality.coverage < settings.orientation.hidden
+    if is_unanimous or is_hidden:
+        return look
+    return _with_more_samples(look, settings) or _with_shifts(look, settings)
+
+
+def _with_more_samples(look: Look, settings: CloudSettings) -> Look | None:
+    """The same with twice as many samples; None if there are not as many points, or if their cuts differ.
+
+    Signs from empty spheres must give the same integer: where walls are too thin for any number of samples, cuts may
+    agree on what the next signs refute.
+    """
+    cloud, most = look.cloud, 2 * settings.sampling.samples
+    if cloud.samples.is_all or len(cloud.points) < most:
+        return None
+    kept, owner = cloud.sampler.chosen(most)
+    local, complex_ = complex_of(cloud.points[kept], settings)
+    outward = cloud.normals[kept]
+    votes, cuts = cut_votes("cut", complex_, outward, settings)
+    if len(set(values_of(votes, "cut"))) > 1:
+        return None
+    if not look.has_given_signs:
+        _, corrected = normals_by_poles(complex_, outward, cuts[0], rounds=1)
+        if surface_eulers(complex_, corrected) != votes[0].eulers:
+            return None
+    fewer = [replace(vote, family="coarse cut") for vote in look.votes if vote.family == "cut"]
+    fields = [vote for vote in look.votes if vote.family == "field"]
+    samples = replace(cloud.samples, kept=kept, owner=owner)
+    roughness = look.quality.roughness * cloud.local.spacing / local.spacing
+    return replace(
+        look,
+        cloud=replace(cloud, samples=samples, local=local, complex_=complex_),
+        votes=(*votes, *fewer, *fields),
+        cut=cuts[0],
+        quality=replace(look.quality, coverage=cuts[0].coverage, roughness=roughness),
+    )
+
+
+def _with_less_noise(look: Look, settings: CloudSettings) -> Look:
+    """The same with the votes of smoothed samples, whose normals are found anew; the quality stays that of the points.
+
+    The votes of both count. The surface is that of the smoothed samples, if their votes alone give the integer.
+    """
+    moved = flattened(look.cloud.outward, look.cloud.local, settings.patches)
+    with stages({}):  # suppress nested progress
+        axes = look.cloud.samples.axes  # given ones, or None
+        again = look_at(Cloud(moved, axes, oriented=False), surface_of(moved, settings.patches), settings)
+    votes = look.votes + again.votes
+    shown = again if tally(again.votes)[0] == tally(votes)[0] else look
+    return replace(look, cloud=shown.cloud, votes=votes, cut=shown.cut, is_repeated=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shift:
+    """Samples at some positions: the shift (M,) in units of length, normals (M, 3), cuts there and what these count."""
+
+    length: Floats
+    normals: Floats
+    local: Neighborhoods
+    complex_: DelaunayComplex
+    cuts: tuple[Cut, ...]
+    votes: tuple[Vote, ...]
+
+    @property
+    def missed(self) -> float:
+        """The share of the samples that the cuts leave off the surface."""
+        return sum(1 - cut.coverage for cut in self.cuts)
+
+
+def _with_shifts(look: Look, settings: CloudSettings) -> Look:
+    """The same at the positions of the samples, shifted or not, that show the surface best."""
+    cloud, found = look.cloud, look.found
+    axes, trials = _shifted(cloud, look.cut, found, settings)
+    candidates = trials if found is None else _of_most_cuts(trials)
+    best = min(candidates, key=lambda trial: trial.missed)
+    others = tuple(vote for trial in trials if trial is not best for vote in trial.votes) if found else ()
+    if best is trials[0] and not cloud.samples.is_all:
+        return replace(look, votes=look.votes + others)  # signs at full density are better than those of poles
+    if best is trials[0] and found is None:
+        return look
+    normals = cloud.samples.spread(best.normals, cloud.normals)
+    points = cloud.points + best.length[cloud.samples.owner, None] * cloud.samples.spread(axes, cloud.normals)
+    moved = replace(cloud, points=points, normals=normals, local=best.local, complex_=best.complex_)
+    votes, cut = gather_votes(moved, settings, best.cuts)
+    return replace(look, cloud=moved, votes=votes + others, cut=cut, is_widened=best is not trials[0])
+
+
+def _shifted(
+    cloud: OrientedCloud, cut: Cut, found: Orientation | None, settings: CloudSettings
+) -> tuple[Floats, list[_Shift]]:
+    """The normals (M, 3) along which samples are shifted, and the samples as they are and at every shift.
+
+    Signs that were found are corrected by poles, first and at each shift.
+    """
+    normals, axes = cloud.outward, cloud.samples.axes
+    if found is not None:
+        corrected = found.corrected(cloud.complex_, axes, settings.orientation)
+        normals, cut = corrected.normals, corrected.cut
+    trials = [_trial(np.zeros(len(normals)), normals, cloud.local, cloud.complex_, cut, settings)]
+
+    def moved(shift: Floats) -> tuple[Floats, Neighborhoods, DelaunayComplex]:
+        length = shift * cloud.local.spacings
+        return length, *complex_of(cloud.local.points + length[:, None] * normals, settings)
+
+    shifts = list(_lengths(normals, cloud.local, settings))
+    with ThreadPoolExecutor(1) as thread:  # flows hold the interpreter's lock, tetrahedra do not
+        for length, local, complex_ in thread.map(moved, shifts):
+            turned, its_cut = normals, cut_complex(complex_, normals)
+            if found is not None:
+                turned, its_cut = normals_by_poles(complex_, normals, its_cut, rounds=1, axes=axes)
+            trials.append(_trial(length, turned, local, complex_, its_cut, settings))
+    return normals, trials
+
+
+def _trial(
+    length: Floats,
+    normals: Floats,
+    local: Neighborhoods,
+    complex_: DelaunayComplex,
+    first: Cut,
+    settings: CloudSettings,
+) -> _Shift:
+    votes, cuts = cut_votes("shifted cut", complex_, normals, settings, made=(first,), count=2)
+    return _Shift(length, normals, local, complex_, cuts, tuple(votes))
+
+
+def _of_most_cuts(trials: Sequence[_Shift]) -> list[_Shift]:
+    """Of those whose own cuts agree, those with the integer that most cuts of all give; the first if there is none."""
+    values = [values_of(trial.votes, "shifted cut") for trial in trials]
+    counts = Counter(chain(*values))
+    steady = [(trial, own[0]) for trial, own in zip(trials, values, strict=True) if len(set(own)) == 1]
+    most = max((counts[euler] for _, euler in steady), default=0)
+    return [trial for trial, euler in steady if counts[euler] == most] or [trials[0]]
+
+
+def _lengths(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> Iterator[Floats]:
+    """Shifts outward (M,) in spacings: of all samples alike, and of each to the side that has more room."""
+    own, near = settings.shifts, settings.quality.near
+    behind, ahead = clearances(normals, local, settings)
+    toward_room = np.clip(ahead - behind, -1, 1)
+    around = local.index[:, : own.smoothed_over + 1]
+    for _ in range(2):
+        toward_room = toward_room[around].mean(1)
+    outward = 1.0 if (behind < near).sum() >= (ahead < near).sum() else -1.0
+    for length in own.lengths:
+        yield np.full(len(normals), outward * length)
+        yield length * toward_room
+
+
+def clearances(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> tuple[Floats, Floats]:
+    """Thickness of the wall behind each sample and width of the gap in front of it, (M,), in spacings, at most 3.
+
+    Args:
+        normals: (M, 3), unit, outward.
+        local: neighborhoods of the samples, among which the opposite sheet is looked for.
+        settings: of the distances.
+    """
+    own: ShiftSettings = settings.shifts
+    points, index = local.points, local.index[:, 1:]
+    opposite, height, side = opposite_neighbors(points, normals, points[index], normals[index], settings.patches)
+    back = ((points[:, None] - points[index]) * normals[index]).sum(2)  # the height, seen from the other sample
+    spacing = local.spacings[:, None]
+    aside = np.maximum(np.sqrt(np.maximum(side, 0)) - own.sideways * spacing, 0)
+    distance = np.hypot(height, aside) / spacing
+    walls, gaps = opposite & (height < 0) & (back < 0), opposite & (height > 0) & (back > 0)
+    behind, ahead = (np.where(facing, distance, own.free).min(1) for facing in (walls, gaps))
+    return np.minimum(behind, own.free), np.minimum(ahead, own.free)

@@ -1,0 +1,282 @@
+"""Every number of the reconstruction of a cloud, with its unit, its meaning and the measurement that it comes from.
+
+The numbers are passed down and never changed globally. `docs/thresholds.md` is made from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+REAL = "47 closed real meshes, 10 000 random points each, clean and with 0.5 % noise (docs/accuracy.md)"
+DENSE = "the same meshes, 200 000 random points each (docs/accuracy.md)"
+WIRES = "67 tubes along random graphs, knots, polyhedra, helices and chained rings, 1 500 to 10 000 points"
+GEOMETRY = "the geometry of random samples of a plane"
+COST = "time and memory on two processors (benchmarks/bench_global.py, benchmarks/large_cloud.py)"
+NOISY = "plates, chairs and mugs with noise of 0.5 to 2 % of their length, 10 000 to 200 000 points"
+
+
+def _number(value: object, unit: str, meaning: str, source: str) -> Any:
+    """A setting's default with what `docs/thresholds.md` says about it."""
+    return field(default=value, metadata={"unit": unit, "meaning": meaning, "source": source})
+
+
+@dataclass(frozen=True)
+class GuardSettings:
+    """What no surface can be read from."""
+
+    flat: float = _number(1e-6, "ratio", "thickness over length of a cloud that lies in a plane", "double precision")
+    far: float = _number(
+        30.0, "ratio", "distance of a stray point from the middle over that of nine tenths of the points", REAL
+    )
+    most_far: float = _number(0.01, "share of points", "stray points, at most; more are a part of the scene", REAL)
+    fewest_in_space: int = _number(
+        10_000, "points", "from which noise, walls and space can be told apart", "blobs, lattices and noise"
+    )
+    round: float = _number(
+        0.55,
+        "ratio of extents",
+        "least roundness of neighborhoods of points that fill space",
+        "real shapes: at most 0.50 (10 000 points, 0.5 % noise), 0.53 (30 000, 1 %); blobs: at least 0.57",
+    )
+    round_sizes: tuple[int, ...] = _number(
+        (16, 32, 64, 128), "neighbors", "of neighborhoods whose roundness counts", REAL
+    )
+    thinner: int = _number(8, "ratio", "points of a copy of the cloud over those of the next", COST)
+    smallest_copy: int = _number(1000, "points", "of the thinnest copy", REAL)
+
+
+@dataclass(frozen=True)
+class PatchSettings:
+    """Neighborhoods of points."""
+
+    graph: int = _number(8, "neighbors", "that signs are carried to, and of the disc that a point stands for", GEOMETRY)
+    plane: int = _number(16, "neighbors", "of the plane through a point, of the noise and of a local spacing", REAL)
+    wide: int = _number(39, "neighbors", "of a sample among which opposite sheets are looked for", GEOMETRY)
+    same_sheet: float = _number(0.3, "cosine", "of normals above which neighbors lie on one sheet", GEOMETRY)
+    fewest_on_sheet: int = _number(3, "neighbors", "on the same sheet that give an area", GEOMETRY)
+    refit: int = _number(12, "neighbors", "of planes that are fitted anew once signs are known", REAL)
+    refit_cosine: float = _number(0.5, "cosine", "of normals from which neighbors count in such a plane", REAL)
+    fewest_refitted: int = _number(5, "neighbors", "that must count in such a plane", REAL)
+
+
+@dataclass(frozen=True)
+class CreaseSettings:
+    """Planes of single faces near creases."""
+
+    flat: float = _number(
+        0.1, "ratio", "median thickness over size of neighborhoods up to which creases show", "noise of 0.15 spacings"
+    )
+    narrow: int = _number(6, "neighbors", "of planes that lie on one face near a crease", REAL)
+    rounds: int = _number(3, "neighbors", "over which a face's plane is handed on", REAL)
+    flatter: float = _number(
+        0.125, "ratio", "misfit of a face's plane over a point's own below which it is taken", REAL
+    )
+
+
+@dataclass(frozen=True)
+class SignSettings:
+    """Signs carried along the surface."""
+
+    smooth_roughness: float = _number(0.2, "spacings", "roughness up to which signs are carried", REAL)
+    dense_roughness: float = _number(
+        0.3, "spacings", "the same in clouds of more points than are used; noise beyond it is averaged", DENSE
+    )
+    smooth: float = _number(
+        0.05,
+        "bending",
+        "of a step that decides alone, within a patch",
+        "of 18 million such steps of 24 shapes 6 in 100 000 are wrong",
+    )
+    crease: float = _number(0.5, "bending", "of a step that separates pieces whose signs fields may turn", DENSE)
+    most_patches: int = _number(
+        50_000, "patches", "that vote on their signs; of more steps the lighter ones decide", COST
+    )
+
+
+@dataclass(frozen=True)
+class OrientationSettings:
+    """The choice between orientations."""
+
+    contradicted: float = _number(
+        0.002, "share of samples", "whose carried normal the implied solid contradicts, at most", REAL
+    )
+    smallest_part: int = _number(20, "samples", "of the smallest part that must be covered by itself", REAL)
+    interpolating: float = _number(
+        0.97,
+        "share of samples",
+        "coverage from which a missed sample is a missed feature, not noise; of every part, if carried signs hold",
+        REAL,
+    )
+    coverage_power: float = _number(9.0, "exponent", "of the coverage in the cost of clean samples", REAL)
+    hidden: float = _number(0.5, "share of samples", "coverage below which no surface shows", DENSE)
+    hopeless: float = _number(2.0, "ratio", "cost over the least one from which signs are not corrected", REAL)
+    coarse_cells: float = _number(64, "cells", "of the coarse grid along the longest side", REAL)
+    coarse_iterations: int = _number(20, "steps", "of conjugate gradients on it", REAL)
+    most_fine_cells: float = _number(160, "cells", "of the fine grid along the longest side, at most", COST)
+    fine_cells_per_spacing: float = _number(1.2, "cells", "of the fine grid per sample spacing, and 30 more", REAL)
+    fine_iterations: int = _number(12, "steps", "of conjugate gradients on it", REAL)
+    alternations: int = _number(8, "rounds", "of a descent step and a turn of all dipoles", REAL)
+    sigmas: tuple[float, float] = _number((1.0, 0.7), "cells", "Gaussian of the first and of the last round", REAL)
+
+
+@dataclass(frozen=True)
+class GivenSettings:
+    """The check of given normals."""
+
+    most_vertices: int = _number(96**3, "vertices", "of the grid", COST)
+    sigma: float = _number(2.0, "cells", "Gaussian of the field", REAL)
+    consistent: float = _number(0.95, "share of normals", "along the field's descent, at least", REAL)
+    largest_residual: float = _number(
+        0.08, "winding number", "mean distance from one half at the samples, at most", REAL
+    )
+    cheaper: float = _number(
+        0.9, "ratio", "cost of a found solid over that of the given normals that refutes them", REAL
+    )
+
+
+@dataclass(frozen=True)
+class SamplingSettings:
+    """How many points are used."""
+
+    whole: int = _number(30_000, "points", "of the largest cloud that is used whole", COST)
+    samples: int = _number(
+        20_000, "samples", "of a larger cloud; half as many for comparison, twice as many in doubt", COST
+    )
+    most_points: int = _number(2_000_000, "points", "that are measured, evenly many along a curve", COST)
+    probes: int = _number(1000, "points", "at which noise, thin walls and wires are looked for", COST)
+    boundary_points: int = _number(50_000, "points", "on which boundaries are looked for and curvature is summed", COST)
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Noise that is larger than the distances between points."""
+
+    sizes: tuple[int, ...] = _number(
+        (16, 32, 64, 128, 256, 512, 1024, 2048), "neighbors", "of neighborhoods in which noise is measured", NOISY
+    )
+    reach: float = _number(
+        2.5, "standard deviations", "radius of the neighborhood whose plane a sample is moved to", NOISY
+    )
+    apart: float = _number(
+        2.0, "standard deviations", "between samples: details below that are lost in the noise", NOISY
+    )
+
+
+@dataclass(frozen=True)
+class CutWeights:
+    """Weights of the terms of the cut's energy, per unit of separating area.
+
+    Attributes:
+        area: of the area itself.
+        normal: of area that faces against the samples' normals.
+        sphere: of area whose empty spheres are centered on it.
+        side: of a tetrahedron on the wrong side of its vertices' normals, per unit of its surface.
+    """
+
+    area: float = 0.5
+    normal: float = 3.0
+    sphere: float = 4.0
+    side: float = 1.0
+
+
+@dataclass(frozen=True)
+class CutSettings:
+    """Minimum cuts of Delaunay tetrahedra."""
+
+    weights: tuple[CutWeights, ...] = _number(
+        (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0)), "energy", "terms of each cut", REAL
+    )
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """Winding-number fields."""
+
+    grids: tuple[tuple[float, float, int], ...] = _number(
+        ((1.5, 1.5, 128**3), (2.0, 1.5, 160**3), (2.0, 2.5, 160**3)),
+        "cells, cells, vertices",
+        "cells per sample spacing, Gaussian smoothing and largest size of each field's grid",
+        REAL,
+    )
+    most_points: int = _number(200_000, "points", "that a field is made from", COST)
+    most_vertices: int = _number(40_000_000, "vertices", "of the grids of all parts that lie apart", COST)
+    apart: float = _number(4.0, "spacings", "between the boxes of parts that get grids of their own", GEOMETRY)
+    most_parts: int = _number(256, "parts", "that may lie apart; of more, each a stray piece, none do", COST)
+
+
+@dataclass(frozen=True)
+class QualitySettings:
+    """Sheets that are close together, and the size of features that can be seen."""
+
+    near: float = _number(1.5, "spacings", "at which an opposite sheet makes edges look like boundaries", REAL)
+    wide: float = _number(2.5, "spacings", "at which an opposite sheet counts as close", REAL)
+    uncovered: float = _number(
+        1.5,
+        "spacings",
+        "to the nearest point from which a place is uncovered",
+        "1 in 1 000 places between random samples",
+    )
+    lid: float = _number(
+        25,
+        "samples",
+        "missing from a patch of the found surface; above it, the patch is a lid over a hole of a clean cloud",
+        "a region where a random samples are expected is empty with probability exp(-a): a patch misses at most 15.8 "
+        "in 60 draws of 20 000 on a plane, 17 in 10 000 points from 24 of 26 closed meshes (two have thin walls), and "
+        "at least 48 in 24 of 26 clouds that planes, boxes and spheres cut from these",
+    )
+    feature: float = _number(2.5, "spacings", "of the smallest feature that is seen in clean samples", REAL)
+    blur: float = _number(2.0, "spacings", "added to it per spacing of roughness", REAL)
+    clean: float = _number(0.15, "spacings", "roughness of clean samples of curved surfaces", REAL)
+
+
+@dataclass(frozen=True)
+class ShiftSettings:
+    """Shifts along the normals."""
+
+    lengths: tuple[float, ...] = _number(
+        (0.3, 0.6), "spacings", "by which samples are shifted; a wall without thickness needs one to be resolved", REAL
+    )
+    free: float = _number(3.0, "spacings", "beyond which another sheet does not matter", REAL)
+    sideways: float = _number(0.7, "spacings", "by which the opposite sample of a sheet may lie aside", GEOMETRY)
+    smoothed_over: int = _number(8, "neighbors", "over which shifts are averaged, twice", REAL)
+
+
+@dataclass(frozen=True)
+class WireSettings:
+    """Clouds that are one-dimensional everywhere."""
+
+    sizes: tuple[int, ...] = _number((25, 50, 100), "points", "of the neighborhoods that are tested", WIRES)
+    fewest_patches: int = _number(20, "neighborhoods", "of a size that the cloud must hold", WIRES)
+    narrow: float = _number(
+        0.3,
+        "ratio of variances",
+        "median second over first variance of neighborhoods of a wire, at most",
+        "47 real shapes: at least 0.56; wires: mostly below 0.2",
+    )
+    samples: int = _number(10_000, "points", "that are read, evenly spread", COST)
+    smallest: float = _number(1.0, "spacings", "radius of balls that close all gaps along a wire", WIRES)
+    largest: float = _number(6.0, "spacings", "radius of balls that join wires", WIRES)
+    tail: float = _number(0.05, "share of weight", "left out at both ends of the range of radii", WIRES)
+    gap: float = _number(6.0, "spacings", "that join everything but stray points", WIRES)
+    smallest_part: int = _number(20, "points", "of a separate part that is not clutter", WIRES)
+    around: int = _number(30, "neighbors", "that hold a whole cross-section", WIRES)
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """All settings of `global_witness`."""
+
+    guards: GuardSettings = GuardSettings()
+    patches: PatchSettings = PatchSettings()
+    creases: CreaseSettings = CreaseSettings()
+    signs: SignSettings = SignSettings()
+    orientation: OrientationSettings = OrientationSettings()
+    given: GivenSettings = GivenSettings()
+    sampling: SamplingSettings = SamplingSettings()
+    noise: NoiseSettings = NoiseSettings()
+    cuts: CutSettings = CutSettings()
+    fields: FieldSettings = FieldSettings()
+    quality: QualitySettings = QualitySettings()
+    shifts: ShiftSettings = ShiftSettings()
+    wires: WireSettings = WireSettings()

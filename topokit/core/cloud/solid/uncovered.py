@@ -1,0 +1,86 @@
+"""The part of a found surface that no sample supports: lids over holes of the cloud.
+
+A cut is closed whatever the samples are: it spans each hole of an open cloud with large facets. Independent samples
+leave gaps, too, but small ones: a region in which a samples are expected is empty with probability exp(−a), whatever
+its form. So what counts is how many samples are missing from a connected patch of facets far from all samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from topokit.core.cloud.solid.tetrahedra import FACETS, DelaunayComplex, separating_facets
+from topokit.core.labels import connected_labels
+
+Booleans = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class UncoveredPatch:
+    """A connected part of the surface of a cut that lies far from all samples.
+
+    Attributes:
+        missing: its area in squared local spacings: about as many samples would be expected there.
+        samples: (M,), indices of the samples at its corners.
+    """
+
+    missing: float
+    samples: Integers
+
+
+def uncovered_patches(
+    complex_: DelaunayComplex, inside: Booleans, cloud: Floats, far: float
+) -> tuple[UncoveredPatch, ...]:
+    """The uncovered patches of the solid's surface, largest first.
+
+    A facet is uncovered if its point farthest from its corners has no point of the cloud within some spacings, where
+    the spacing is the widest of those at its corners. Samples of a large cloud are sparse where it is flat, so facets
+    there may be wide; but the cloud covers them.
+
+    Args:
+        complex_: tetrahedra of N samples.
+        inside: (T,).
+        cloud: (M, 3), all points, of which the samples are a part.
+        far: spacings to the nearest point from which a place is uncovered.
+    """
+    tetrahedron, corner = separating_facets(complex_, inside)
+    facets = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
+    spacing = complex_.spacing[facets].max(1, initial=0.0)
+    place, radius = _farthest_places(complex_.points[facets])
+    wide = np.flatnonzero(radius > far * spacing)  # no place of a facet is farther from all samples than from corners
+    distance = cKDTree(complex_.normalized(cloud)).query(place[wide])[0]
+    found = wide[distance > far * spacing[wide]]
+    patch = _across_edges(facets[found])
+    missing = np.bincount(patch, complex_.facet_area[tetrahedron[found], corner[found]])
+    return tuple(
+        UncoveredPatch(float(missing[number]), np.unique(facets[found[patch == number]]))
+        for number in np.argsort(-missing, kind="stable")
+    )
+
+
+def _farthest_places(corners: Floats) -> tuple[Floats, Floats]:
+    """The place (F, 3) of each triangle (F, 3, 3) far from its corners, and its distance (F,) from the nearest.
+
+    It is the circumcenter of an acute triangle, the middle of the longest side of any other.
+    """
+    sides = np.roll(corners, -1, axis=1) - np.roll(corners, -2, axis=1)  # opposite to each corner
+    squared = (sides * sides).sum(2)
+    weight = squared * (squared.sum(1, keepdims=True) - 2 * squared)
+    is_acute = (weight > 0).all(1, keepdims=True)
+    weight = np.where(is_acute, weight, squared < squared.max(1, keepdims=True))
+    place = np.einsum("fk,fka->fa", weight / weight.sum(1, keepdims=True), corners)
+    return place, np.linalg.norm(place[:, None] - corners, axis=2).min(1)
+
+
+def _across_edges(facets: Integers) -> Integers:
+    """The number 0 … of the patch (F,) of each facet (F, 3); patches are connected across edges."""
+    ends = np.sort(np.stack((facets, np.roll(facets, -1, axis=1)), axis=2), axis=2).reshape(-1, 2)
+    edge = np.unique(ends, axis=0, return_inverse=True)[1].ravel()
+    own = np.repeat(np.arange(len(facets)), 3)
+    return connected_labels(len(facets) + len(ends), own, len(facets) + edge)[: len(facets)]

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-REAL = "47 closed real meshes, 10 000 random points each, clean and with 0.5 % noise (docs/accuracy.md)"
-DENSE = "the same meshes, 200 000 random points each (docs/accuracy.md)"
+REAL = "47 closed real meshes, 10 000 random points each, clean and with 0.5 % noise"
+DENSE = "the same meshes, 200 000 random points each"
 WIRES = "67 tubes along random graphs, knots, polyhedra, helices and chained rings, 1 500 to 10 000 points"
 GEOMETRY = "the geometry of random samples of a plane"
 COST = "time and memory on two processors (benchmarks/bench_global.py, benchmarks/large_cloud.py)"

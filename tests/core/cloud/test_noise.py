@@ -100,7 +100,7 @@ def test_fewer_points_lie_nearer_to_the_surface(shape: str, sigma: float) -> Non
 def test_a_cloud_slightly_larger_than_one_that_is_used_whole_has_the_same_integer(shape: str) -> None:
     settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3300))
     for n_points, preparation in ((4000, "whole"), (6000, "averaged")):
-        witness = global_witness(torch.from_numpy(noisy(shape, n_points, 0.02)), settings=settings)
+        witness = global_witness(torch.from_numpy(noisy(shape, n_points, 0.025)), settings=settings)
         assert (witness.euler, witness.preparation) == (EULER[shape], preparation)
         assert witness.agreement == 1
 

@@ -15,6 +15,8 @@ from topokit.errors import InputError
 
 Floats = NDArray[np.float64]
 
+_FLAT = 1e-6  # thickness of a cloud over its length up to which rounding alone may lift it off a plane
+
 FEWEST_POINTS = 32
 """Smallest number of samples for which a solid is looked for."""
 
@@ -50,11 +52,10 @@ def centered_positions(points: Floats) -> tuple[Floats, float]:
     return positions, unit_length
 
 
-def is_flat(points: Floats, settings: GuardSettings | None = None) -> bool:
+def is_flat(points: Floats) -> bool:
     """Whether points (N, 3) lie in a plane, on a line or in one place."""
-    settings = settings or GuardSettings()
     variance = np.linalg.eigvalsh(np.cov(points, rowvar=False))
-    return bool(variance[0] <= settings.flat**2 * variance[2])
+    return bool(variance[0] <= _FLAT**2 * variance[2])
 
 
 def refuse_filled_space(points: Floats, settings: GuardSettings) -> None:

@@ -25,7 +25,6 @@ def _number(value: object, unit: str, meaning: str, source: str) -> Any:
 class GuardSettings:
     """What no surface can be read from."""
 
-    flat: float = _number(1e-6, "ratio", "thickness over length of a cloud that lies in a plane", "double precision")
     far: float = _number(
         30.0, "ratio", "distance of a stray point from the middle over that of nine tenths of the points", REAL
     )
@@ -51,7 +50,8 @@ class PatchSettings:
     """Neighborhoods of points."""
 
     graph: int = _number(8, "neighbors", "that signs are carried to, and of the disc that a point stands for", GEOMETRY)
-    plane: int = _number(16, "neighbors", "of the plane through a point, of the noise and of a local spacing", REAL)
+    plane: int = _number(10, "neighbors", "of a point's plane: few, so that sheets close together are not mixed", REAL)
+    spacing: int = _number(16, "neighbors", "of a sample over which the local spacing is averaged", REAL)
     wide: int = _number(39, "neighbors", "of a sample among which opposite sheets are looked for", GEOMETRY)
     same_sheet: float = _number(0.3, "cosine", "of normals above which neighbors lie on one sheet", GEOMETRY)
     fewest_on_sheet: int = _number(3, "neighbors", "on the same sheet that give an area", GEOMETRY)

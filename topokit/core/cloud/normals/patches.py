@@ -76,7 +76,7 @@ class Surface:
 
     Attributes:
         tree: of the points.
-        around: (N, 16), neighbors, nearest first, without the point itself.
+        around: (N, 10), neighbors, nearest first, without the point itself.
         planes: of these and the point.
         settings: numbers of neighbors.
     """
@@ -199,7 +199,7 @@ def neighborhoods_of(points: Floats, settings: PatchSettings) -> Neighborhoods:
     index = np.concatenate((own, nearest), axis=1)
     rank = min(settings.graph, index.shape[1] - 1)
     discs = np.pi * ((points[index[:, rank]] - points) ** 2).sum(1) / rank
-    around = discs[index[:, : settings.plane + 1]].mean(1)
+    around = discs[index[:, : settings.spacing + 1]].mean(1)
     return Neighborhoods(points, index, np.sqrt(np.maximum(around, 1e-6 * discs.mean())))
 
 

@@ -74,7 +74,7 @@ class Look:
     @property
     def has_given_signs(self) -> bool:
         """Whether the outward directions are those of the given normals."""
-        return self.signs.source in ("given", "reversed")
+        return self.found is None
 
     def lids(self, settings: CloudSettings) -> tuple[UncoveredPatch, ...]:
         """The patches of the found surface that cover holes of the cloud, largest first.
@@ -116,17 +116,14 @@ def _oriented(
     """The cloud with outward normals, where their signs came from, and the orientation if one had to be found."""
     points, given = cloud.points, cloud.normals
     if given is not None and cloud.oriented:
-        areas = surface.areas(given)
-        consistent = consistent_signs(points, given, areas, surface.spacing, settings.given)
-    else:
-        consistent = None
-    outward = None if consistent is None else consistent.apply(given)
-    if consistent is not None and outward is not None:
-        sampler = Sampler(points, outward, surface.areas(), surface.thickness, settings)
-        samples = sampler.samples()
-        local, complex_ = complex_of(points[samples.kept], settings)
-        areas = surface.areas(outward)
-        return OrientedCloud(points, outward, areas, sampler, samples, local, complex_), consistent, None
+        own = surface.areas(given)
+        consistent = consistent_signs(points, given, own, surface.spacing, settings.given)
+        outward = None if consistent is None else consistent.apply(given)
+        if consistent is not None and outward is not None:
+            sampler = Sampler(points, outward, surface.areas(), surface.thickness, settings)
+            samples = sampler.samples()
+            local, complex_ = complex_of(points[samples.kept], settings)
+            return OrientedCloud(points, outward, own, sampler, samples, local, complex_), consistent, None
     faces, areas = find_faces(surface, settings.creases), surface.areas()
     axes = faces.sharpened(surface.planes.axes) if given is None else given
     carried = None

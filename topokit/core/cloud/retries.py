@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 from topokit.core.cloud.look import Cloud, Look, look_at
 from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, surface_of
 from topokit.core.cloud.orientation import Orientation
-from topokit.core.cloud.settings import CloudSettings, ShiftSettings
+from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.poles import normals_by_poles
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex
 from topokit.core.cloud.votes import (
+    IN_COMPARISON,
     OrientedCloud,
     Vote,
     complex_of,
@@ -171,7 +172,7 @@ def _trial(
     first: Cut,
     settings: CloudSettings,
 ) -> _Shift:
-    votes, cuts = cut_votes("shifted cut", complex_, normals, settings, made=(first,), count=2)
+    votes, cuts = cut_votes("shifted cut", complex_, normals, settings, made=(first,), count=IN_COMPARISON)
     return _Shift(length, normals, local, complex_, cuts, tuple(votes))
 
 
@@ -206,7 +207,7 @@ def clearances(normals: Floats, local: Neighborhoods, settings: CloudSettings) -
         local: neighborhoods of the samples, among which the opposite sheet is looked for.
         settings: of the distances.
     """
-    own: ShiftSettings = settings.shifts
+    own = settings.shifts
     points, index = local.points, local.index[:, 1:]
     opposite, height, side = opposite_neighbors(points, normals, points[index], normals[index], settings.patches)
     back = ((points[:, None] - points[index]) * normals[index]).sum(2)  # the height, seen from the other sample

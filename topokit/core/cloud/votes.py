@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud.fields import Task, field_tasks
@@ -31,7 +32,7 @@ from topokit.core.cloud.sampling.downsampling import thin_along_curve
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.counts import solid_eulers
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, delaunay_complex
-from topokit.core.labels import connected_labels
+from topokit.core.neighbors import neighbor_components
 from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,8 @@ Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
 CUT_FAMILIES: tuple[Family, ...] = ("cut", "smooth cut", "coarse cut", "shifted cut")
 """The families of Delaunay cuts."""
 
-_IN_COMPARISON = 2  # of the cuts' weights are used on the second complex and on shifted samples
+IN_COMPARISON = 2
+"""So many of the cuts' weights are used on the second complex and on shifted samples."""
 
 
 @dataclass(frozen=True)
@@ -157,10 +159,10 @@ def _comparison_votes(cloud: OrientedCloud, settings: CloudSettings) -> list[Vot
     if cloud.samples.is_all:
         moved, outward = flattened(cloud.outward, cloud.local, settings.patches), cloud.outward
         complex_ = delaunay_complex(moved, cloud.local.spacings)
-        return cut_votes("smooth cut", complex_, outward, settings, count=_IN_COMPARISON)[0]
+        return cut_votes("smooth cut", complex_, outward, settings, count=IN_COMPARISON)[0]
     half = cloud.sampler.chosen(len(cloud.samples.kept) // 2)[0]
     complex_ = complex_of(cloud.points[half], settings)[1]
-    return cut_votes("coarse cut", complex_, cloud.normals[half], settings, count=_IN_COMPARISON)[0]
+    return cut_votes("coarse cut", complex_, cloud.normals[half], settings, count=IN_COMPARISON)[0]
 
 
 def complex_of(points: Floats, settings: CloudSettings) -> tuple[Neighborhoods, DelaunayComplex]:
@@ -174,9 +176,8 @@ def _field_tasks(cloud: OrientedCloud, settings: CloudSettings) -> Sequence[Task
     areas = cloud.areas[part] * (len(cloud.points) / len(part))
 
     def parts() -> Integers:
-        index = cloud.local.index[:, 1 : settings.patches.graph + 1]
-        own = np.repeat(np.arange(len(index)), index.shape[1])
-        return connected_labels(len(index), own, index.ravel())[cloud.samples.owner[part]]
+        index = torch.from_numpy(cloud.local.index[:, 1 : settings.patches.graph + 1])
+        return neighbor_components(index).numpy()[cloud.samples.owner[part]]
 
     return field_tasks(cloud.points[part], cloud.normals[part], areas, cloud.local.finest, parts, settings.fields)
 
@@ -196,12 +197,14 @@ def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: C
     return SampleQuality(
         coverage=cut.coverage,
         roughness=surface.thickness / cloud.local.spacing,
-        crowded_wide=crowded_share(surface, cloud.normals, cloud.samples.kept, quality.wide, settings),
-        crowded_boundary=crowded_share(surface, cloud.normals, few, coarser, settings),
+        crowded_wide=crowded_share(surface, cloud.normals, cloud.areas, cloud.samples.kept, quality.wide, settings),
+        crowded_boundary=crowded_share(surface, cloud.normals, cloud.areas, few, coarser, settings),
     )
 
 
-def crowded_share(surface: Surface, normals: Floats, at: Integers, reach: float, settings: CloudSettings) -> float:
+def crowded_share(
+    surface: Surface, normals: Floats, areas: Floats, at: Integers, reach: float, settings: CloudSettings
+) -> float:
     """Share of some points with an opposite sheet nearer than some local spacings, less than one spacing sideways.
 
     Where it is not nearly zero, walls or gaps are thinner than the points can resolve, and all settings may agree on a
@@ -210,6 +213,7 @@ def crowded_share(surface: Surface, normals: Floats, at: Integers, reach: float,
     Args:
         surface: neighborhoods of N points.
         normals: (N, 3), unit, outward.
+        areas: (N,), of the discs that hold neighbors on the same sheet.
         at: (M,), indices of the points at which sheets are looked for.
         reach: distance of the opposite sheet, in spacings.
         settings: of the cosine.
@@ -221,7 +225,7 @@ def crowded_share(surface: Surface, normals: Floats, at: Integers, reach: float,
     opposite, height, side = opposite_neighbors(
         points[at], normals[at], points[index], normals[index], settings.patches
     )
-    spacing = np.sqrt(surface.areas(normals)[surface.around[at]].mean(1, keepdims=True))
+    spacing = np.sqrt(areas[surface.around[at]].mean(1, keepdims=True))
     return float((opposite & (side < spacing**2) & (np.abs(height) < reach * spacing)).any(1).mean())
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -91,7 +92,7 @@ class Surface:
         """(N, 3)."""
         return np.asarray(self.tree.data)
 
-    @property
+    @cached_property
     def thickness(self) -> float:
         """Standard deviation of the points from the surface, at most: bending counts, too."""
         return float(np.median(self.planes.thickness))
@@ -107,14 +108,13 @@ class Surface:
         Args:
             normals: (N, 3), unit; if given, only neighbors on the same sheet count.
         """
+        if normals is None:
+            return self._discs
         found, own = np.empty(len(self.points)), self.settings
 
         def measure(rows: slice) -> None:
-            around = self.neighbors[rows] if normals is None else self.around[rows]
+            around = self.around[rows]
             squared = ((self.points[around] - self.points[rows, None]) ** 2).sum(2)
-            if normals is None:
-                found[rows] = np.pi * squared[:, -1] / squared.shape[1]
-                return
             is_near = np.einsum("nka,na->nk", normals[around], normals[rows]) > own.same_sheet
             is_near &= is_near.cumsum(1) <= own.graph
             k = is_near.sum(1)
@@ -124,14 +124,20 @@ class Surface:
         in_blocks(measure, len(found))
         unknown = np.isnan(found)
         if unknown.all():
-            return self.areas()
+            return self._discs
         found[unknown] = np.nanmedian(found) if unknown.any() else 0
         return found
 
-    @property
+    @cached_property
+    def _discs(self) -> Floats:
+        last = self.neighbors[:, -1]
+        squared = ((self.points[last] - self.points) ** 2).sum(1)
+        return np.asarray(np.pi * squared / self.neighbors.shape[1])
+
+    @cached_property
     def spacing(self) -> float:
         """√(median area), the typical distance between neighboring points."""
-        return float(np.sqrt(np.median(self.areas())))
+        return float(np.sqrt(np.median(self._discs)))
 
     @property
     def roughness(self) -> float:

@@ -155,7 +155,9 @@ def test_a_gray_volume_needs_a_level_and_gets_one(files: Path) -> None:
     assert "pass --level … (inside is above it" in refused.stderr
     assert "label --label" not in refused.stderr
     found = invoke("report", files / "ct.npy", "--level", 700)
-    assert found.stdout.startswith("ct.npy: Euler characteristic 0 (certain), genus 1, 1 component, closed")
+    assert found.stdout.startswith(
+        "ct.npy: 1 piece, 1 tunnel, 0 cavities (χ of the solid 0, of its surface 0), certain"
+    )
     for options in (("-O", "level=700"), ("--level=700", "--connectivity", 6, "--spacing", "1,1,2.5")):
         assert invoke("genus", files / "ct.npy", *options).stdout == f"1\tcertain\t{files / 'ct.npy'}\n"
 

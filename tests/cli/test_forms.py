@@ -62,13 +62,15 @@ def test_a_table_has_a_row_for_every_file(folder: Path) -> None:
         "components",
         "closed",
         "loops",
+        "pieces",
+        "tunnels",
         "cavities",
         "seconds",
     ]
     rows = [line.split() for line in lines[1:]]
     assert [Path(row[0]).name for row in rows] == ["bowl.obj", "torus.stl", "truncated.stl"]
-    assert rows[0][1:-1] == ["certain", "1", "0", "1", "no", "1", "?"]
-    assert rows[1][1:-1] == ["certain", "0", "1", "1", "yes", "0", "0"]
+    assert rows[0][1:-1] == ["certain", "1", "0", "1", "no", "1", "?", "?", "?"]
+    assert rows[1][1:-1] == ["certain", "0", "1", "1", "yes", "0", "1", "1", "0"]
     assert rows[2][1] == "failed"
     assert (
         len({line.index(word) for line, word in zip(lines, ("verdict", "certain", "certain", "failed"), strict=True)})

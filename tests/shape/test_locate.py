@@ -57,8 +57,9 @@ def test_the_handle_of_a_torus_is_located(torus: Location) -> None:
 def test_json_holds_lengths_centers_and_bounds_but_no_curves() -> None:
     report = tk.from_mesh(torus_mesh(20, 10)).report(locate=True)
     place = json.loads(report.to_json())["location"]
-    assert set(place) == {"handles", "boundaries", "defects", "notes"}
-    assert set(place["handles"][0]) == {"handle_length", "tunnel_length", "center", "bounds", "component"}
+    assert set(place) == {"handles", "boundaries", "defects", "notes", "regions"}
+    known = {"handle_length", "tunnel_length", "center", "bounds", "component", "tunnel_center", "place"}
+    assert set(place["handles"][0]) == known
     assert "around the handle" in str(report)
 
 

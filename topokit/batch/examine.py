@@ -29,8 +29,10 @@ COLUMNS = (
     "euler",
     "genus",
     "components",
-    "cavities",
+    "pieces",
     "tunnels",
+    "cavities",
+    "solid_euler",
     "boundary_loops",
     "closed",
     "manifold",
@@ -153,15 +155,16 @@ def failure(source: Source, problem: str, seconds: float | None) -> Answer:
 
 def report_row(report: TopologyReport, shape: Shape) -> Row:
     """A report as plain values under the names of `COLUMNS`."""
-    solid = report.solid_betti
     values = {
         "verdict": report.verdict,
         "confidence": report.confidence,
         "euler": report.euler,
         "genus": report.genus,
         "components": report.components,
+        "pieces": report.pieces,
+        "tunnels": report.tunnels,
         "cavities": report.cavities,
-        "tunnels": None if solid is None else solid[1],
+        "solid_euler": report.solid_euler,
         "boundary_loops": report.boundary_loops,
         "closed": report.closed,
         "manifold": _is_manifold(report, shape),

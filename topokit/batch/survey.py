@@ -31,9 +31,10 @@ class Survey:
 
     Iterating gives each row as soon as it is known; rows are kept, so nothing is examined twice. A row is a dictionary
     with the same keys for every file and plain values, None where something is unknown: `file`, `label`, `adapter`,
-    `verdict`, `confidence`, `euler`, `genus`, `components`, `cavities`, `tunnels`, `boundary_loops`, `closed`,
-    `manifold`, `resolution`, `estimate`, `refined`, `reason`, `seconds`, `error`. So `pandas.DataFrame(survey.rows)` or
-    `polars.DataFrame(survey.rows)` is a table. A file that could not be examined has a row, too, with its `error`.
+    `verdict`, `confidence`, `euler`, `genus`, `components`, `pieces`, `tunnels`, `cavities`, `solid_euler`,
+    `boundary_loops`, `closed`, `manifold`, `resolution`, `estimate`, `refined`, `reason`, `seconds`, `error`. So
+    `pandas.DataFrame(survey.rows)` or `polars.DataFrame(survey.rows)` is a table. A file that could not be examined has
+    a row, too, with its `error`.
 
     Attributes:
         files: names of the files, in order.

@@ -40,7 +40,7 @@ _WORDS: dict[str, Callable[[Row], bool]] = {
     "open": lambda row: row["closed"] is False,
     "non-manifold": lambda row: row["manifold"] is False,
 }
-_NUMBERS = ("euler", "genus", "components", "cavities", "tunnels", "boundary_loops")
+_NUMBERS = ("euler", "genus", "components", "pieces", "tunnels", "cavities", "solid_euler", "boundary_loops")
 _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -68,7 +68,7 @@ def parse_conditions(texts: Iterable[str]) -> list[Condition]:
 def _parse(text: str) -> Condition:
     if text in _WORDS:
         return Condition(text, _WORDS[text])
-    found = _COMPARISON.fullmatch(text.replace("-loops", "_loops"))
+    found = _COMPARISON.fullmatch(text.replace("-loops", "_loops").replace("solid-", "solid_"))
     if found is None:
         raise ValueError(f"{text!r} is no condition; expected {EXPECTED}.")
     column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])

@@ -86,7 +86,8 @@ def handles(
         from topokit.report.report import plain
         from topokit.shape.locate import located_handles
 
-        found = located_handles(shape.handles())
+        counted = shape.counted
+        found = located_handles(shape.handles(), None if counted is None else counted.placement)
         if output is not None:
             save_loops(Location(found, (), (), ()), output)
         rows = plain(found)

@@ -28,6 +28,8 @@ _COLUMNS = (  # beside the file's name, the most wanted first: a narrow terminal
     _Column("components", "components", 10),
     _Column("closed", "closed", 6, False),
     _Column("boundary_loops", "loops", 5),
+    _Column("pieces", "pieces", 6),
+    _Column("tunnels", "tunnels", 7),
     _Column("cavities", "cavities", 8),
     _Column("seconds", "seconds", 7),
 )

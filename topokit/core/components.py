@@ -34,6 +34,7 @@ class SurfaceComponent:
         estimate: its Gauss–Bonnet estimate, or None where it was not computed.
         volume: in a volume, that of the voxels next to it on its inner side which are joined to each other: of a
             component without its cavities, or of a cavity without what floats in it. Else None.
+        voxel: in a volume, the center of the first voxel on its inner side: one of the piece, or one of the cavity.
         genus: its handles, (2 − b − χ)/2, or None if it is not an orientable manifold or χ is not known.
         boundary_loops: its closed boundary curves b, or None if they were not counted.
         bounds: lowest and highest corner of its bounding box.
@@ -51,6 +52,7 @@ class SurfaceComponent:
     depth: int | None = None
     estimate: float | None = None
     volume: float | None = None
+    voxel: Corner | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,6 +71,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
         inside: (C,) index of the innermost closed component around each, −1 for none.
         depths: (C,) number of closed components around each.
         volumes: (C,) see `SurfaceComponent.volume`, or None.
+        voxels: (C, 3) see `SurfaceComponent.voxel`, or None.
     """
 
     euler: Integers
@@ -80,6 +83,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
     inside: Integers
     depths: Integers
     volumes: Floats | None = None
+    voxels: Floats | None = None
 
     @classmethod
     def none(cls) -> CountedComponents:
@@ -128,6 +132,7 @@ class CountedComponents(Sequence[SurfaceComponent]):
             inside=inside if inside >= 0 else None,
             depth=int(self.depths[index]),
             volume=None if self.volumes is None else float(self.volumes[index]),
+            voxel=None if self.voxels is None else tuple(self.voxels[index].tolist()),
         )
 
     def __eq__(self, other: object) -> bool:

@@ -36,8 +36,7 @@ class Fragment:
     """One shape of a page: picklable, without tensors.
 
     Attributes:
-        facts: its row in the table of a folder: verdict, euler, genus, components, boundary_loops and closed as in the
-            report, and the reason that decided the verdict.
+        facts: its row in the table of a folder: numbers as in the report, and the reason that decided the verdict.
         details: verdict, reasons, evidence, places and components as escaped HTML.
         thumbnail: a square WebP picture, or None if the shape cannot be drawn.
         scene: geometry for the 3D view, see `pack`; None if the shape cannot be drawn.
@@ -76,14 +75,16 @@ def page_of(
 
 
 def _facts(report: TopologyReport) -> dict[str, Any]:
-    names = ("verdict", "euler", "genus", "components", "boundary_loops", "closed")
+    names = ("verdict", "euler", "genus", "components", "boundary_loops", "closed", "pieces", "tunnels", "cavities")
     return {name: getattr(report, name) for name in names} | {"reason": "".join(report.reasons[:1])}
 
 
 def _details(report: TopologyReport, marks: tuple[Mark, ...], note: str | None) -> str:
     """The text beside the 3D view: the report, the places that a click finds in the view, and a note on the view."""
     template = environment(PAGES).get_template("details.html")
-    return template.render(report=report_html(report), marks=marks, note=note, most=_MOST_PLACES)
+    return template.render(
+        report=report_html(report), marks=marks, note=note, most=_MOST_PLACES, placement=report.placement
+    )
 
 
 def webp(picture: NDArray[np.uint8]) -> bytes:

@@ -1,12 +1,15 @@
-"""Where the topology of a surface is: its handles, boundaries and defects with their sizes and places."""
+"""Where topology is: pieces, tunnels, cavities, handles, boundaries and defects with their sizes and places."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
+from topokit.core.grid.placement import Index, Placement
 from topokit.report.wording import plural, position
 
 Box = tuple[Corner, Corner]
@@ -15,6 +18,57 @@ NOT_IN_JSON = {"json": False}
 """Metadata of fields that reports leave out of their JSON: curves may have a million points."""
 
 _MOST_TOLD = 10  # handles and boundaries that the text of a report lists one by one
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a volume, for a viewer of its file.
+
+    Attributes:
+        voxel: index of the nearest voxel.
+        world: in the coordinates of the file, or None if it has none.
+        unit: of `world` and of all lengths, such as "mm"; empty if unknown.
+        space: directions of the axes of `world`, such as "RAS"; empty if unknown.
+    """
+
+    voxel: Index
+    world: Corner | None
+    unit: str
+    space: str
+
+    @classmethod
+    def of(cls, point: Sequence[float], placement: Placement | None) -> Place | None:
+        """That of a point in the coordinates of the shape; None without a placement."""
+        if placement is None:
+            return None
+        return cls(placement.voxel(point), placement.world(point), placement.unit, placement.space)
+
+    def __str__(self) -> str:
+        if self.world is None:
+            return f"voxel {self.voxel}"
+        frame = " ".join(filter(None, (self.unit, self.space)))
+        return f"voxel {self.voxel}, {f'in {frame}' if frame else 'world'} {position(self.world, 1.0)}"
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedRegion:
+    """A piece of the solid in a volume, or one of its cavities.
+
+    Attributes:
+        kind: which of the two.
+        volume: of its voxels, in cubed units of length.
+        center: middle of its bounding box.
+        bounds: lowest and highest corner of the box.
+        component: index into the report's `per_component` of the surface around it.
+        place: of its first voxel, which surely belongs to it.
+    """
+
+    kind: Literal["piece", "cavity"]
+    volume: float
+    center: Corner
+    bounds: Box
+    component: int
+    place: Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +81,8 @@ class LocatedHandle:
         center: middle of the bounding box of both loops.
         bounds: its lowest and highest corner.
         component: index into the report's `per_component`.
+        tunnel_center: middle of the loop around the tunnel, which lies on the tunnel's axis where that is straight.
+        place: of `tunnel_center` in a volume, else None.
         handle_loop: (N, 3), not in JSON.
         tunnel_loop: (M, 3), not in JSON.
     """
@@ -36,6 +92,8 @@ class LocatedHandle:
     center: Corner
     bounds: Box
     component: int
+    tunnel_center: Corner
+    place: Place | None
     handle_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
     tunnel_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
 
@@ -87,20 +145,27 @@ class Location:
         boundaries: longest first.
         defects: of a mesh.
         notes: sentences about what could not be located, and why.
+        regions: of a volume, pieces if there are several and cavities, largest surface first, up to 1000.
     """
 
     handles: tuple[LocatedHandle, ...]
     boundaries: tuple[LocatedBoundary, ...]
     defects: tuple[LocatedDefect, ...]
     notes: tuple[str, ...]
+    regions: tuple[LocatedRegion, ...] = ()
 
     def lines(self) -> tuple[str, ...]:
-        """What the text of a report says: handles and boundaries one by one while they are few, defects by kind."""
-        lines = [
-            f"Handle at {_at(one.center, one.bounds)}: {one.handle_length:.4g} around the handle, "
-            f"{one.tunnel_length:.4g} around the tunnel."
-            for one in self.handles[:_MOST_TOLD]
-        ]
+        """What the text of a report says: places one by one while they are few, defects by kind."""
+        lines = []
+        for kind, many in (("piece", "pieces"), ("cavity", "cavities")):
+            regions = [one for one in self.regions if one.kind == kind]
+            lines += [
+                f"{kind.capitalize()} at {one.place}: volume {one.volume:.4g}{_unit(one.place, '³')}, "
+                f"middle of its box {_at(one.center, one.bounds)}."
+                for one in regions[:_MOST_TOLD]
+            ]
+            lines += _more(len(regions), kind, many)
+        lines += map(_handle_line, self.handles[:_MOST_TOLD])
         lines += _more(len(self.handles), "handle", "handles")
         lines += [
             f"Boundary at {_at(one.center, one.bounds)}: {one.length:.4g} long." for one in self.boundaries[:_MOST_TOLD]
@@ -113,6 +178,18 @@ class Location:
                 f"{_at(first.center, first.bounds)}."
             )
         return (*lines, *self.notes)
+
+
+def _handle_line(one: LocatedHandle) -> str:
+    unit = _unit(one.place)
+    lengths = f"{one.handle_length:.4g}{unit} around the handle, {one.tunnel_length:.4g}{unit} around the tunnel."
+    if one.place is None:
+        return f"Handle at {_at(one.center, one.bounds)}: {lengths}"
+    return f"Tunnel at {one.place}, middle of its loop {_at(one.tunnel_center, one.bounds)}: {lengths}"
+
+
+def _unit(place: Place | None, power: str = "") -> str:
+    return f" {place.unit}{power}" if place is not None and place.unit else ""
 
 
 def middle(bounds: Box) -> Corner:

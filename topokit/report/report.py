@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
+from topokit.core.grid.placement import Placement
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError, InputError
 from topokit.report.location import Location
@@ -58,6 +59,7 @@ class CountedAnswer:
         further: additional evidence.
         n_deciding: how many of the first reasons decided the verdict.
         manifold: whether no edge has three faces and no vertex two fans, or None if that is unknown.
+        placement: of the voxels of a volume, else None.
     """
 
     evidence: Evidence
@@ -70,6 +72,7 @@ class CountedAnswer:
     further: tuple[Evidence, ...] = ()
     n_deciding: int = 1
     manifold: bool | None = None
+    placement: Placement | None = None
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,9 @@ class TopologyReport:
         n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
         confidence: probability that `euler` is right: 1 for certain, calibrated for closed point clouds and splats,
             None where nothing was calibrated (networks, wires, open surfaces).
-        location: where handles, boundaries and defects are, or None if they were not looked for.
+        location: where pieces, tunnels, cavities, handles, boundaries and defects are, or None if they were not looked
+            for.
+        placement: where the voxels of a volume are, else None. Reports of volumes speak of the solid first.
     """
 
     name: str
@@ -123,37 +128,63 @@ class TopologyReport:
     n_deciding: int = 0
     confidence: float | None = None
     location: Location | None = None
+    placement: Placement | None = None
+
+    @property
+    def pieces(self) -> int | None:
+        """Connected components of the solid that a closed surface bounds (a hollow ball is one), or None if unknown."""
+        return None if self.solid_betti is None else self.solid_betti[0]
+
+    @property
+    def tunnels(self) -> int | None:
+        """Tunnels of that solid, or None if unknown."""
+        return None if self.solid_betti is None else self.solid_betti[1]
+
+    @property
+    def solid_euler(self) -> int | None:
+        """Euler characteristic of that solid, pieces − tunnels + cavities, or None if unknown."""
+        return None if self.solid_betti is None else self.solid_betti[0] - self.solid_betti[1] + self.solid_betti[2]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
-        rows: dict[str, Any] = plain(self)
-        return rows
+        return plain(self) | {name: getattr(self, name) for name in ("pieces", "tunnels", "solid_euler")}
 
     def to_json(self, indent: int | None = None) -> str:
         """The report as JSON text; tuples become lists."""
         return json_text(self.to_dict(), indent=indent)
 
-    def __str__(self) -> str:
+    def _headline(self) -> str:
+        """The answer in one line: of a volume about the solid, of everything else about the surface."""
+        if self.placement is not None and self.solid_betti is not None:
+            solid = ", ".join(_solid_parts(self.solid_betti))
+            return f"{solid} (χ of the solid {self.solid_euler}, of its surface {self.euler}), {self.verdict}"
         answer = "unknown" if self.euler is None else str(self.euler)
-        parts = [f"{self.name}: Euler characteristic {answer} ({self.verdict})"]
+        parts = [f"Euler characteristic {answer} ({self.verdict})"]
         if self.genus is not None:
             parts.append(f"genus {self.genus}")
         parts.append(plural(self.components, "component"))
         parts.append("closed" if self.closed else "not closed")
         if self.solid_betti is not None and self.cavities:
-            solids, tunnels, cavities = self.solid_betti
-            parts.append(
-                f"bounding a solid of {plural(solids, 'component')} with {plural(tunnels, 'tunnel')} and "
-                f"{plural(cavities, 'cavity', 'cavities')}"
-            )
+            pieces, tunnels, cavities = _solid_parts(self.solid_betti)
+            parts.append(f"bounding a solid of {pieces} with {tunnels} and {cavities}")
+        return ", ".join(parts)
+
+    def __str__(self) -> str:
         marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
         lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
         places = () if self.location is None else self.location.lines()
-        return "\n".join(map(printable, [", ".join(parts), *lines, *(f"  - {place}" for place in places)]))
+        return "\n".join(
+            map(printable, [f"{self.name}: {self._headline()}", *lines, *(f"  - {place}" for place in places)])
+        )
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         return f'<style>{report_styles()}</style><div class="topokit">{report_html(self)}</div>'
+
+
+def _solid_parts(solid: Betti) -> tuple[str, str, str]:
+    pieces, tunnels, cavities = solid
+    return plural(pieces, "piece"), plural(tunnels, "tunnel"), plural(cavities, "cavity", "cavities")
 
 
 def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) -> TopologyReport:
@@ -187,6 +218,7 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         per_component=components,
         n_deciding=len(deciding),
         confidence=1.0 if counted.verdict == "certain" else None,
+        placement=counted.placement,
     )
 
 

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 from topokit.core.blocks.whole import CountedVolume
 from topokit.core.grid.euler import dual_connectivity
+from topokit.core.grid.placement import Placement
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import volume_verdict
 from topokit.report.wording import plural
 
 
 def volume_answer(
-    counted: CountedVolume, connectivity: int, seconds: float, notes: tuple[str, ...] = ()
+    counted: CountedVolume, connectivity: int, placement: Placement, seconds: float, notes: tuple[str, ...] = ()
 ) -> CountedAnswer:
     """The counted answer of a volume.
 
     Args:
         counted: what was counted.
         connectivity: 6 or 26, that of the solid.
+        placement: where the voxels are.
         seconds: time the count took.
         notes: sentences about the values.
     """
     euler, surfaces, dual = counted.euler, counted.surfaces, dual_connectivity(connectivity)
     reasons = [
-        f"χ = {euler} is exact with {connectivity}-connected foreground and {dual}-connected background: "
-        f"{counted.n_inside} voxels in {plural(len(surfaces) - surfaces.cavities, 'component')}, bounded by "
-        f"{plural(len(surfaces), 'closed surface')}.",
+        f"Exact with {connectivity}-connected foreground and {dual}-connected background: "
+        f"{plural(counted.n_inside, 'voxel')} in {plural(len(surfaces) - surfaces.cavities, 'piece')} with "
+        f"χ = {euler // 2}, bounded by {plural(len(surfaces), 'closed surface')} with χ = {euler}.",
         *notes,
     ]
     if counted.dual_euler != euler:
         reasons.append(
-            f"With {dual}-connected foreground χ would be {counted.dual_euler}: the volume itself is ambiguous."
+            f"With {dual}-connected foreground χ of the solid would be {counted.dual_euler // 2} and of its surface "
+            f"{counted.dual_euler}: the volume itself is ambiguous."
         )
     touched = _touched_faces(counted)
     if touched:
@@ -44,6 +47,7 @@ def volume_answer(
         boundary_loops=0,
         verdict=volume_verdict(),
         reasons=tuple(reasons),
+        placement=placement,
     )
 
 

@@ -1,15 +1,25 @@
-"""Locating what a report counts: handles, boundaries and defects of the shape that it is about."""
+"""Locating what a report counts: handles, boundaries and defects of the shape, pieces and cavities of a volume."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from itertools import islice
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+from topokit.core.grid.placement import Placement
 from topokit.core.handles.handle import Handle
 from topokit.core.mesh.defects import Defect
 from topokit.errors import MissingDependencyError, TopokitError
-from topokit.report.location import LocatedBoundary, LocatedDefect, LocatedHandle, Location, middle
+from topokit.report.location import (
+    LocatedBoundary,
+    LocatedDefect,
+    LocatedHandle,
+    LocatedRegion,
+    Location,
+    Place,
+    middle,
+)
 from topokit.report.report import TopologyReport
 
 if TYPE_CHECKING:
@@ -17,9 +27,11 @@ if TYPE_CHECKING:
 
 Found = TypeVar("Found")
 
+_MOST_REGIONS = 1000  # pieces and cavities that are located; `per_component` has all
+
 
 def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
-    """The report with the places of handles, boundaries and defects.
+    """The report with the places of handles, boundaries, defects, pieces and cavities.
 
     The location's notes say what cannot be located, such as the handles of an open surface, or self-intersections
     without libigl.
@@ -42,7 +54,7 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
 
     has_handles, has_mesh = report.closed and report.genus != 0, shape.mesh is not None
     location = Location(
-        handles=located_handles(located("Handles", shape.handles) if has_handles else ()),
+        handles=located_handles(located("Handles", shape.handles) if has_handles else (), report.placement),
         boundaries=tuple(
             LocatedBoundary(one.length, one.closed, middle(one.bounds), one.bounds, one.points)
             for one in (() if report.closed else located("Boundaries", shape.boundaries))
@@ -52,12 +64,27 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
             for one in (located("Defects", defects) if has_mesh else ())
         ),
         notes=tuple(notes),
+        regions=tuple(islice(_regions(report), _MOST_REGIONS)),
     )
     return replace(report, location=location)
 
 
-def located_handles(handles: Sequence[Handle]) -> tuple[LocatedHandle, ...]:
-    """Handles as a report holds them."""
+def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:
+    """The pieces of a volume if there are several, and its cavities, largest surface first."""
+    for number, one in enumerate(report.per_component):
+        is_cavity = (one.depth or 0) % 2 == 1
+        place = None if one.voxel is None else Place.of(one.voxel, report.placement)
+        if place is not None and one.volume is not None and (is_cavity or report.pieces != 1):
+            kind: Literal["piece", "cavity"] = "cavity" if is_cavity else "piece"
+            yield LocatedRegion(kind, one.volume, middle(one.bounds), one.bounds, number, place)
+
+
+def located_handles(handles: Sequence[Handle], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:
+    """Handles as a report holds them, in a volume with their places in it."""
+    around = [
+        middle((tuple(one.tunnel_loop.min(axis=0).tolist()), tuple(one.tunnel_loop.max(axis=0).tolist())))
+        for one in handles
+    ]
     return tuple(
         LocatedHandle(
             handle_length=one.handle_length,
@@ -65,8 +92,10 @@ def located_handles(handles: Sequence[Handle]) -> tuple[LocatedHandle, ...]:
             center=middle(one.bounds),
             bounds=one.bounds,
             component=one.component,
+            tunnel_center=center,
+            place=Place.of(center, placement),
             handle_loop=one.handle_loop,
             tunnel_loop=one.tunnel_loop,
         )
-        for one in handles
+        for one, center in zip(handles, around, strict=True)
     )

@@ -1,6 +1,7 @@
 // The table of shapes: sorted by a click on a heading, filtered by words, comparisons and verdicts.
 const VERDICTS = ["certain", "likely", "unsure", "failed"];
-const COLUMNS = { name: 1, verdict: 2, euler: 3, genus: 4, components: 5, boundary: 6, closed: 7, seconds: 8, reason: 9 };
+const HEADINGS = [...document.querySelectorAll("#shapes th[data-key]")];
+const COLUMNS = Object.fromEntries(HEADINGS.map((heading) => [heading.dataset.key, heading.cellIndex]));
 const NAMES = { "χ": "euler", chi: "euler", loops: "boundary" };
 const COMPARISON = /^([\wχ]+)(<=|>=|!=|=|<|>)(.+)$/;
 
@@ -11,7 +12,7 @@ export class Table {
     this.body = document.querySelector("#shapes tbody");
     this.input = document.getElementById("filter");
     this.input.addEventListener("input", () => this.refresh());
-    for (const heading of document.querySelectorAll("#shapes th[data-key]"))
+    for (const heading of HEADINGS)
       heading.addEventListener("click", () => this.sort(heading));
     for (const row of rows) {
       const open = () => (location.hash = row.id.replace("row", "shape"));
@@ -56,7 +57,7 @@ export class Table {
     const down = heading.ariaSort === "ascending";
     for (const other of document.querySelectorAll("#shapes th")) other.ariaSort = null;
     heading.ariaSort = down ? "descending" : "ascending";
-    const column = COLUMNS[heading.dataset.key];
+    const column = heading.cellIndex;
     const sorted = [...this.rows].sort((a, b) => compare(cell(a, column), cell(b, column), down ? -1 : 1));
     this.body.append(...sorted);
   }

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from numbers import Integral
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -26,7 +27,8 @@ from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
-from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.grid import Spacing
+from topokit.core.grid.placement import Index, Placement
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions, as_tensor
@@ -71,9 +73,9 @@ def from_voxels(
 
     Args:
         volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that; a path
-            (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the folder of a DICOM series); or an image of nibabel,
-            SimpleITK or MONAI. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is read block by block
-            if it is large.
+            (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the folder of a DICOM series, or of TIFF slices, which
+            are stacked along the first axis); or an image of nibabel, SimpleITK or MONAI. An array of zarr, h5py, Dask
+            or TensorStore, or a `numpy.memmap`, is read block by block if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
         level: voxels strictly above it are inside. Needed unless the volume is binary (then half of its higher value).
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
@@ -111,21 +113,48 @@ def from_voxels(
     _check_choice(level, labels)
     positions = None if starts is None else as_positions(starts, "starts")
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
-        place = as_spacing(blocks.volume.spacing if spacing is None else spacing), as_position(origin)
-        return shape_in_blocks(blocks, *place, level, labels, connectivity, n_neighbors)
-    name, values, steps = open_volume(volume, spacing, dataset)
-    x, y, z = values.shape
-    grid = Grid((x, y, z), steps, as_position(origin))
-    solid = Solid(level, labels, connectivity)
+        place = placed(blocks.volume.placement, spacing, origin)
+        return shape_in_blocks(
+            blocks, place, place.grid(blocks.volume.shape), Solid(level, labels, connectivity), n_neighbors
+        )
+    name, values, found = open_volume(volume, dataset)
+    sampling = Sampling(n_samples, deferred_seed(generator), positions, n_neighbors)
+    return shape_in_memory(name, values, placed(found, spacing, origin), Solid(level, labels, connectivity), sampling)
+
+
+class Sampling(NamedTuple):
+    """How a volume is sampled: `n_samples`, the seed of the draw, `starts` and `n_neighbors` of `from_voxels`."""
+
+    n_samples: int
+    seed: int
+    starts: Tensor | None
+    n_neighbors: int | None
+
+
+def shape_in_memory(
+    name: str, values: Tensor, placement: Placement, solid: Solid, sampling: Sampling, first: Index = (0, 0, 0)
+) -> Shape:
+    """The shape of a volume in memory, or of a box of it.
+
+    Args:
+        name: what to call it.
+        values: (X, Y, Z).
+        placement: of the whole volume.
+        solid: what is inside.
+        sampling: how to sample it.
+        first: index in the whole volume of the first of the values.
+    """
+    grid = placement.grid(values.shape, first)
     seen = solid.seen(values)
     notes = solid.check(seen)
+    level = solid.level
     if level is None:
-        level = 0.0 if labels or values.dtype == torch.bool else seen.high / 2
-    field = VoxelField(values, level, labels, grid, connectivity)
-    seed = deferred_seed(generator)
+        level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
+    field = VoxelField(values, level, solid.labels, grid, solid.connectivity)
+    n_samples, seed, starts, n_neighbors = sampling
     return Shape(
-        lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), positions),
-        lambda: _count(field),
+        lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), starts),
+        lambda: _count(field, placement),
         surface=field.surface,
         field=field,
         name=name,
@@ -134,30 +163,30 @@ def from_voxels(
     )
 
 
-def _count(field: VoxelField) -> CountedAnswer:
+def _count(field: VoxelField, placement: Placement) -> CountedAnswer:
     started = time.perf_counter()
     counted = count_solid(field.volume, field.is_inside, field.connectivity, field.grid)
-    return volume_answer(counted, field.connectivity, time.perf_counter() - started)
+    return volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
 
 
 def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, spacing: float | Spacing | None, dataset: str | None = None
-) -> tuple[str, Tensor, Spacing]:
-    """What to call a volume, its values (X, Y, Z), and the size of its voxels, by default the file's own; else 1."""
-    name, own_spacing = "voxels", None
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, dataset: str | None = None
+) -> tuple[str, Tensor, Placement | None]:
+    """What to call a volume, its values (X, Y, Z), and where they are, if the file says it."""
+    name, placement = "voxels", None
     if isinstance(volume, str | os.PathLike) and not lies_in(volume, ADDRESSES):
         path = user_path(volume)
         path = path if path.is_dir() and VOXELS.can_open(path) else existing_file(path)
         with unpacked(path) as plain:
             stored = stored_volume(plain, dataset)
-            volume, own_spacing = read_volume(plain) if stored is None else (stored.whole(), stored.spacing)
+            volume, placement = read_volume(plain) if stored is None else (stored.whole(), stored.placement)
             name = path.name
     elif (stored := stored_volume(volume, dataset)) is not None:
-        volume, own_spacing = stored.whole(), stored.spacing
+        volume, placement = stored.whole(), stored.placement
         name = stored.name
     elif (found := image_of(volume)) is not None:
-        volume, own_spacing = found
-    return name, _as_volume(volume), as_spacing(own_spacing if spacing is None else spacing)
+        volume, placement = found
+    return name, _as_volume(volume), placement
 
 
 def _as_volume(volume: object) -> Tensor:
@@ -169,10 +198,16 @@ def _as_volume(volume: object) -> Tensor:
     return comparable(values)
 
 
-def as_spacing(spacing: float | Spacing | None) -> Spacing:
-    """Three positive numbers, 1 by default, or an `InputError`."""
+def placed(found: Placement | None, spacing: float | Spacing | None, origin: Corner) -> Placement:
+    """Where the voxels of a volume are, by its file unless a spacing is given, which then has no world coordinates."""
+    place = (found or Placement((1.0, 1.0, 1.0))) if spacing is None else Placement(_as_spacing(spacing))
+    return replace(place, spacing=_as_spacing(place.spacing), origin=_as_position(origin))
+
+
+def _as_spacing(spacing: float | Spacing) -> Spacing:
+    """Three positive numbers, or an `InputError`."""
     try:
-        steps = np.broadcast_to(np.asarray(1.0 if spacing is None else spacing, dtype=float), 3)
+        steps = np.broadcast_to(np.asarray(spacing, dtype=float), 3)
     except (TypeError, ValueError) as error:
         raise InputError(f"spacing must be one number or three, got {spacing!r}.") from error
     if not (np.isfinite(steps).all() and (steps > 0).all()):
@@ -180,7 +215,7 @@ def as_spacing(spacing: float | Spacing | None) -> Spacing:
     return float(steps[0]), float(steps[1]), float(steps[2])
 
 
-def as_position(origin: Corner) -> Corner:
+def _as_position(origin: Corner) -> Corner:
     """Three finite numbers, or an `InputError`."""
     try:
         x, y, z = (float(value) for value in origin)

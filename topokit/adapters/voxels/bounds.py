@@ -28,11 +28,11 @@ def check_nifti(path: Path, image: Any, n_bytes: int) -> None:
     require_bytes(path, f"an image of shape {image.shape}", needed, n_bytes)
 
 
-def check_pages(path: Path) -> None:
-    """Refuse a .tif whose pages follow each other in a circle, which tifffile would go around for ever.
+def page_count(path: Path, most: int | None = None) -> int:
+    """Pages of a .tif, or the given number if there are more; other files have a few, too.
 
     Raises:
-        ReadError: if they do.
+        ReadError: if the pages follow each other in a circle, which tifffile would go around for ever.
     """
     with path.open("rb") as file:
         start = file.read(16)
@@ -41,7 +41,7 @@ def check_pages(path: Path) -> None:
         count_size, entry_size, offset_size = (8, 20, 8) if is_big else (2, 12, 4)
         offset = int.from_bytes(start[8:16] if is_big else start[4:8], order)
         seen, size = set[int](), path.stat().st_size
-        while offset and offset not in seen:
+        while offset and offset not in seen and (most is None or len(seen) < most):
             seen.add(offset)
             file.seek(min(offset, size))
             n_entries = int.from_bytes(file.read(count_size), order)
@@ -49,6 +49,7 @@ def check_pages(path: Path) -> None:
             offset = int.from_bytes(file.read(offset_size), order)
     if offset in seen:
         raise ReadError(f"{path}: after its {len(seen)} pages the one at byte {offset} comes again: it is damaged.")
+    return len(seen)
 
 
 def check_tiff(path: Path, file: Any) -> None:

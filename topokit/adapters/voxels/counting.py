@@ -19,6 +19,7 @@ from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, Option
 from topokit.report.report import CountedAnswer
 from topokit.report.volume import volume_answer
@@ -159,7 +160,9 @@ def joined(one: Found, other: Found, axis: int) -> Found:
     return Found(join_parts(one.part, other.part, axis), one.seen.joined(other.seen))
 
 
-def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, grid: Grid, client: Any) -> CountedAnswer:
+def answer_in_blocks(
+    volume: StoredVolume, division: Division, solid: Solid, grid: Grid, placement: Placement, client: Any
+) -> CountedAnswer:
     """The counted answer of a volume.
 
     Args:
@@ -167,6 +170,7 @@ def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, gri
         division: its blocks, each of which is read once.
         solid: what is inside.
         grid: of the volume.
+        placement: of the whole volume that this one may be a box of.
         client: of a Dask cluster, or None for this process, one block after the other.
 
     Raises:
@@ -177,7 +181,7 @@ def answer_in_blocks(volume: StoredVolume, division: Division, solid: Solid, gri
     found = reduced(division, volume.at, count, joined, client, without_faces)
     counted = counted_volume(found.part, solid.connectivity, grid)
     notes = solid.check(found.seen)
-    return volume_answer(counted, solid.connectivity, time.perf_counter() - started, notes)
+    return volume_answer(counted, solid.connectivity, placement, time.perf_counter() - started, notes)
 
 
 def without_faces(found: Found) -> Found:

@@ -7,6 +7,8 @@ import re
 from functools import partial
 from pathlib import Path
 
+from topokit.adapters.voxels.bounds import page_count
+from topokit.errors import ReadError
 from topokit.inputs.files import BEGINNINGS, ZIP, head
 from topokit.inputs.formats import Format, begins, is_certainly, requirements_of, suffixes_of
 from topokit.inputs.headers import numpy_kind
@@ -14,6 +16,7 @@ from topokit.plugins.adapter import Adapter
 
 ADDRESSES = (".zarr",)
 _ZARR = ("zarr.json", ".zarray", ".zgroup")  # a folder with one of these is an array or a group, of version 3 or 2
+_TIFF = (".tif", ".tiff")
 _LOOKED_AT = 16  # files of a folder
 
 
@@ -51,6 +54,24 @@ def _is_dicom(folder: Path, start: bytes) -> bool:
         return False
 
 
+def slice_files(folder: Path) -> list[Path]:
+    """The files of a folder if all are .tif, apart from hidden ones; else none."""
+    files = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    return files if all(path.suffix.lower() in _TIFF and path.is_file() for path in files) else []
+
+
+def _is_slices(folder: Path, start: bytes) -> bool:
+    """Whether this is a folder of several .tif files, the first of which has one page and no stack of ImageJ in it."""
+    if not folder.is_dir():
+        return False
+    try:
+        files = slice_files(folder)
+        first = min(files, default=folder)
+        return len(files) > 1 and page_count(first, most=2) == 1 and b"images=" not in head(first)
+    except (OSError, ReadError):
+        return False
+
+
 def _is_volume(path: Path, beginning: bytes) -> bool:
     """Whether NumPy's arrays have three axes."""
     return numpy_kind(path, beginning) == "volume"
@@ -67,9 +88,10 @@ FORMATS = (
     Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires=("nibabel",)),
     Format("NRRD", (".nrrd", ".nhdr"), begins(b"NRRD0"), f"{_HERE}.medical:read_nrrd", requires=("nrrd",)),
     Format(
-        *("TIFF", (".tif", ".tiff"), begins(b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),
+        *("TIFF", _TIFF, begins(b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),
         *(f"{_HERE}.tiff:read_tiff", None, ("tifffile",)),
     ),
+    Format("TIFF slices", (), _is_slices, f"{_HERE}.tiff:read_slices", requires=("tifffile",)),
     Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", ("zarr",)),
     Format("DICOM", (".dcm",), _is_dicom, _ITK, requires=("SimpleITK",)),
     Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires=("SimpleITK",)),
@@ -80,7 +102,7 @@ FORMATS = (
 
 VOXELS = Adapter(
     name="voxels",
-    description="volumes, binary or gray; of DICOM also the folder of a series; zarr and HDF5 of any size",
+    description="volumes, binary or gray; the folder of a DICOM series or of TIFF slices; zarr and HDF5 of any size",
     suffixes=suffixes_of(FORMATS),
     can_open=partial(is_certainly, FORMATS),
     types=(

@@ -1,4 +1,4 @@
-"""Reading volumes: the reader of each format, chosen by content; each gives an array (X, Y, Z) and its spacing."""
+"""Reading volumes: the reader of each format, chosen by content; each gives an array (X, Y, Z) and its placement."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
-from topokit.core.grid.grid import Spacing
+from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
 from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 
-Volume = tuple[NDArray[Any], Spacing | None]
+Volume = tuple[NDArray[Any], Placement | None]
 
 
 def read_volume(path: Path) -> Volume:
-    """Array and spacing of a file or of a folder with a DICOM series, by content.
+    """The array of a file or of a folder with a DICOM series, by content, and where its voxels are.
 
-    The axes are in the order in which the format's reader gives them, and so is the spacing. It is None if the file
-    does not tell it.
+    The axes are in the order in which the format's reader gives them. The placement is None if the file has none.
 
     Raises:
         ReadError: if the file is malformed or holds no 3-D array.
@@ -34,13 +33,13 @@ def read_volume(path: Path) -> Volume:
     if found is None or found.read is None:
         raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
     with reading(path, f"the {found.name} reader", extra="topokit[volumes]"):
-        array, spacing = pkgutil.resolve_name(found.read)(path)
+        array, placement = pkgutil.resolve_name(found.read)(path)
     if array.ndim != 3:
-        raise ReadError(
-            f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected. Of several channels or "
-            "times read the file yourself and pass one of them: topokit.from_voxels(array, spacing=...)."
-        )
-    return array, spacing
+        one = "Of one slice give the folder with all slices, or pass topokit.from_voxels(array[None])."
+        several = "Of several channels or times read the file and pass one of them: topokit.from_voxels(array[0])."
+        hint = one if array.ndim == 2 else several
+        raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected. {hint}")
+    return array, placement
 
 
 def read_npy(path: Path) -> Volume:
@@ -63,4 +62,4 @@ def read_npz(path: Path) -> Volume:
         if spacing is None:
             return archive[volumes[0]], None
         x, y, z = np.broadcast_to(spacing, 3).tolist()
-        return archive[volumes[0]], (x, y, z)
+        return archive[volumes[0]], Placement((x, y, z))

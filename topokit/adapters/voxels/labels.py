@@ -11,14 +11,16 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.adapter import as_position, as_spacing, from_voxels, open_volume
+from topokit.adapters.voxels.adapter import Sampling, open_volume, placed, shape_in_memory
+from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES
 from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
 from topokit.core.components import Corner
-from topokit.core.draws import deferred_seed
+from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.core.grid.grid import Spacing
 from topokit.core.grid.labels import Box, label_boxes
+from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
 from topokit.inputs.remote import takes_addresses
 from topokit.report.wording import plural
@@ -76,30 +78,22 @@ def from_labels(
         >>> {label: shape.genus() for label, shape in tk.from_labels(volume).items()}
         {4: 0, 7: 1}
     """
-    first, seed = as_position(origin), deferred_seed(generator)
     check_connectivity(connectivity)
+    check_sample_count(n_samples, given_or_default(n_neighbors))
+    sampling = Sampling(n_samples, deferred_seed(generator), None, n_neighbors)
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
         name, boxes = blocks.volume.name, labels_in_blocks(blocks)
-        place = as_spacing(blocks.volume.spacing if spacing is None else spacing), first
+        place = placed(blocks.volume.placement, spacing, origin)
         return {
-            label: label_in_blocks(blocks, label, boxes[label], *place, connectivity, n_neighbors)
+            label: label_in_blocks(blocks, label, boxes[label], place, connectivity, n_neighbors)
             for label in _wanted(name, labels, boxes)
         }
-    name, values, steps = open_volume(volume, spacing, dataset)
-    boxes, shapes = label_boxes(values), {}
+    name, values, found = open_volume(volume, dataset)
+    boxes, shapes, place = label_boxes(values), {}, placed(found, spacing, origin)
     for label in _wanted(name, labels, boxes):
-        x, y, z = (start + step * side.start for start, step, side in zip(first, steps, boxes[label], strict=True))
-        shape = from_voxels(
-            values[boxes[label]],
-            label=label,
-            spacing=steps,
-            connectivity=connectivity,
-            origin=(x, y, z),
-            n_samples=n_samples,
-            n_neighbors=n_neighbors,
-            generator=torch.Generator().manual_seed(seed),
-        )
-        shapes[label] = shape.replace(name=f"{name}, label {label}")
+        x, y, z = (side.start for side in boxes[label])
+        solid, called = Solid(None, (label,), connectivity), f"{name}, label {label}"
+        shapes[label] = shape_in_memory(called, values[boxes[label]], place, solid, sampling, (x, y, z))
     return shapes
 
 

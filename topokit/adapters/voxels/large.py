@@ -10,15 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks
-from topokit.adapters.voxels.field import Labels
 from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.reduction import reduced
-from topokit.core.components import Corner
-from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.grid import Grid
 from topokit.core.grid.labels import Box as LabelBox
 from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
+from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, NoSamplesError
 from topokit.inputs.files import user_path
 from topokit.inputs.remote import is_address
@@ -78,17 +77,16 @@ def label_in_blocks(
     blocks: Blocks,
     label: int,
     box: LabelBox,
-    spacing: Spacing,
-    origin: Corner,
+    placement: Placement,
     connectivity: int,
     n_neighbors: int | None,
 ) -> Shape:
     """The shape of a label, counted in the blocks of its box; other arguments are those of `from_labels`."""
     x, y, z = ((side.start, side.stop) for side in box)
     part = PartOfVolume(blocks.volume, (x, y, z), f"{blocks.volume.name}, label {label}")
-    a, b, c = (start + step * side.start for start, step, side in zip(origin, spacing, box, strict=True))
     own = Blocks(part, Division.of(part.chunks, blocks.most_voxels), blocks.most_voxels, blocks.client)
-    return shape_in_blocks(own, spacing, (a, b, c), None, (label,), connectivity, n_neighbors)
+    grid = placement.grid(part.shape, (x[0], y[0], z[0]))
+    return shape_in_blocks(own, placement, grid, Solid(None, (label,), connectivity), n_neighbors)
 
 
 def _boxes_in_block(source: Any, block: Box) -> dict[int, LabelBox]:
@@ -104,17 +102,17 @@ def _joined_boxes(one: dict[int, LabelBox], other: dict[int, LabelBox], axis: in
     return joined_boxes(one, other)
 
 
-def shape_in_blocks(
-    blocks: Blocks,
-    spacing: Spacing,
-    origin: Corner,
-    level: float | None,
-    labels: Labels,
-    connectivity: int,
-    n_neighbors: int | None,
-) -> Shape:
-    """The shape of a volume whose report is counted block by block; arguments are those of `from_voxels`."""
-    volume, grid = blocks.volume, Grid(blocks.volume.shape, spacing, origin)
+def shape_in_blocks(blocks: Blocks, placement: Placement, grid: Grid, solid: Solid, n_neighbors: int | None) -> Shape:
+    """The shape of a volume whose report is counted block by block.
+
+    Args:
+        blocks: the volume.
+        placement: of the file's whole volume.
+        grid: of this one, which may be a box of that.
+        solid: what is inside.
+        n_neighbors: as for `from_voxels`.
+    """
+    volume = blocks.volume
 
     def refuse() -> Any:
         raise NoSamplesError(
@@ -124,7 +122,7 @@ def shape_in_blocks(
 
     return Shape(
         refuse,
-        lambda: answer_in_blocks(volume, blocks.division, Solid(level, labels, connectivity), grid, blocks.client),
+        lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client),
         surface=refuse,
         name=volume.name,
         n_neighbors=n_neighbors,

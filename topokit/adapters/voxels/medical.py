@@ -20,12 +20,13 @@ from torch import Tensor
 
 from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
-from topokit.core.grid.grid import Spacing
+from topokit.core.arrays import Floats
+from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, MissingDependencyError, ReadError
 from topokit.inputs.files import head, require_beside
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
-Volume = tuple[NDArray[Any], Spacing | None]
+Volume = tuple[NDArray[Any], Placement | None]
 _HOW = 'pip install "topokit[volumes]"'
 _META, _DICOM = "MetaImageIO", "GDCMImageIO"  # named, since SimpleITK would try many others
 _ONE_AT_A_TIME = threading.Lock()
@@ -34,7 +35,7 @@ _ELEMENT_BYTES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2, "INT": 4, "UIN
 
 
 def read_nifti(path: Path) -> Volume:
-    """Values scaled by slope and intercept; voxel sizes are those of the affine: sform, else qform, else pixdim."""
+    """Values scaled by slope and intercept; the affine is the sform, else the qform, else of pixdim."""
     try:
         import nibabel
         from nibabel.filebasedimages import ImageFileError
@@ -54,7 +55,7 @@ def read_nifti(path: Path) -> Volume:
         array = np.asanyarray(image.dataobj)
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
-    return array, column_lengths(image.affine)
+    return array, _of_nibabel(image)
 
 
 def _voxel_bytes(path: Path, size: int) -> int:
@@ -64,7 +65,7 @@ def _voxel_bytes(path: Path, size: int) -> int:
 
 
 def read_nrrd(path: Path) -> Volume:
-    """Voxel sizes are the lengths of the space directions, else the spacings."""
+    """Voxel sizes are the lengths of the space directions, else the spacings; the world needs a space origin, too."""
     try:
         import nrrd
     except ImportError as error:
@@ -73,9 +74,7 @@ def read_nrrd(path: Path) -> Volume:
         own = path.resolve()  # pynrrd looks for voxels beside the name that it gets, be it a link
         check_nrrd(own)
         array, header = nrrd.read(str(own))
-    if "space directions" in header:
-        return array, _triple(np.linalg.norm(np.asarray(header["space directions"], dtype=float), axis=1))
-    return array, _triple(header["spacings"]) if "spacings" in header else None
+    return array, _of_nrrd(header)
 
 
 def read_itk(path: Path) -> Volume:
@@ -96,7 +95,7 @@ def read_itk(path: Path) -> Volume:
 
 
 def itk_array(image: Any) -> Volume:
-    """The voxels of a `SimpleITK.Image` in the order X, Y, Z, and their sizes.
+    """The voxels of a `SimpleITK.Image` in the order X, Y, Z, and where they are.
 
     Raises:
         ReadError: if they are vectors.
@@ -108,24 +107,48 @@ def itk_array(image: Any) -> Volume:
             f"the image has {image.GetNumberOfComponentsPerPixel()} numbers in each voxel; one was expected. Take one "
             "with SimpleITK.VectorIndexSelectionCast."
         )
-    spacing = image.GetSpacing()
-    return SimpleITK.GetArrayFromImage(image).transpose(), _triple(spacing) if len(spacing) == 3 else None
+    values, spacing = SimpleITK.GetArrayFromImage(image).transpose(), np.asarray(image.GetSpacing())
+    if len(spacing) != 3:
+        return values, None
+    directions = np.reshape(image.GetDirection(), (3, 3)) * spacing
+    return values, Placement.of_affine(_affine(directions, image.GetOrigin()), "mm", "LPS")
 
 
-def column_lengths(affine: Any) -> Spacing | None:
-    """Voxel sizes of a 4 × 4 affine; None if it is degenerate, as in headers that were never filled in."""
-    lengths = np.linalg.norm(np.asarray(affine, dtype=float)[:3, :3], axis=0)
-    return _triple(lengths) if np.isfinite(lengths).all() and (lengths > 0).all() else None
+def _of_nibabel(image: Any) -> Placement | None:
+    """Where the voxels of an image of nibabel are; lengths without a unit are millimeters, as everywhere."""
+    units = getattr(getattr(image, "header", None), "get_xyzt_units", None)  # MGH images have none
+    unit = {"meter": "m", "micron": "µm"}.get("" if units is None else units()[0], "mm")
+    return Placement.of_affine(np.asarray(image.affine, dtype=float), unit, "RAS")
 
 
-def image_of(source: Any) -> tuple[Any, Spacing | None] | None:
-    """The voxels and their sizes of an object that holds an image.
+def _of_nrrd(header: Any) -> Placement | None:
+    """Where the voxels are by the header of a NRRD file, whose space directions have a row for each axis."""
+    units, named = header.get("space units", ()), str(header.get("space", ""))
+    unit = units[0] if len(set(units)) == 1 else "mm" if "anterior" in named or "posterior" in named else ""
+    if "space directions" not in header:
+        return Placement(_triple(header["spacings"])) if "spacings" in header else None
+    directions = np.asarray(header["space directions"], dtype=float).T
+    if "space origin" not in header:
+        return Placement(_triple(np.linalg.norm(directions, axis=0)), unit=unit)
+    space = "".join(word[0].upper() for word in named.split("-")) if "-" in named else named
+    return Placement.of_affine(_affine(directions, header["space origin"]), unit, space)
+
+
+def _affine(directions: Floats, origin: Any) -> Floats:
+    """The 4 × 4 matrix that takes an index to a position."""
+    affine: Floats = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = directions, origin
+    return affine
+
+
+def image_of(source: Any) -> tuple[Any, Placement | None] | None:
+    """The voxels of an object that holds an image, and where they are.
 
     Args:
         source: an image of nibabel, a `SimpleITK.Image`, or a `MetaTensor` of MONAI, with or without its channel.
 
     Returns:
-        Voxels (X, Y, Z) as an array or tensor, and their sizes or None; None for other objects.
+        Voxels (X, Y, Z) as an array or tensor, and where they are or None; None for other objects.
 
     Raises:
         InputError: if it has several channels.
@@ -133,10 +156,13 @@ def image_of(source: Any) -> tuple[Any, Spacing | None] | None:
     affine = getattr(source, "affine", None)
     if hasattr(source, "dataobj") and affine is not None:
         values = np.asanyarray(source.dataobj)
-        return values[..., 0] if values.ndim == 4 and values.shape[3] == 1 else values, column_lengths(affine)
+        return values[..., 0] if values.ndim == 4 and values.shape[3] == 1 else values, _of_nibabel(source)
     if isinstance(source, Tensor) and isinstance(affine, Tensor):
         plain = source.as_tensor() if hasattr(source, "as_tensor") else source
-        return _only_channel(plain), column_lengths(affine.detach().cpu())
+        matrix = affine.detach().cpu().double().numpy()
+        return _only_channel(plain), Placement.of_affine(
+            matrix, "mm", str(getattr(source, "meta", {}).get("space", "RAS"))
+        )
     if hasattr(source, "GetSpacing") and hasattr(source, "GetNumberOfComponentsPerPixel"):
         return itk_array(source)
     return None
@@ -230,6 +256,6 @@ def _metaimage_fields(header: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _triple(values: Any) -> Spacing:
+def _triple(values: Any) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -19,7 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from topokit.core.blocks.division import Box
-from topokit.core.grid.grid import Spacing
+from topokit.core.grid.placement import Placement
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.reading import reading
@@ -43,10 +43,10 @@ class StoredVolume(ABC):
         shape: voxels along each axis.
         dtype: of its values.
         chunks: for each axis, the lengths of the chunks in which it is stored: what is read together anyway.
-        spacing: size of its voxels along each axis, if the file says it.
+        placement: where its voxels are, if the file says it.
     """
 
-    spacing: Spacing | None = None
+    placement: Placement | None = None
 
     def __init__(self, name: str, shape: Sequence[int], dtype: DTypeLike, chunks: Sequence[int] | Lengths) -> None:
         """Args: see the class; chunks may also be given as one length for each axis.
@@ -94,10 +94,10 @@ class _Reading:
 class IndexedVolume(StoredVolume):
     """An array that gives the values of a box when it is indexed with slices, such as one of zarr or TensorStore."""
 
-    def __init__(self, array: Any, name: str = "voxels", spacing: Spacing | None = None) -> None:
-        """Args: the array, what to call it, and the size of its voxels, if known."""
+    def __init__(self, array: Any, name: str = "voxels", placement: Placement | None = None) -> None:
+        """Args: the array, what to call it, and where its voxels are, if known."""
         super().__init__(name, array.shape, _numpy_type(array), _chunks_of(array))
-        self.spacing = spacing
+        self.placement = placement
         self._array, self._library = array, type(array).__module__.partition(".")[0]
 
     def read(self, box: Box) -> Values:
@@ -125,11 +125,11 @@ class DaskVolume(IndexedVolume):
 class HdfVolume(StoredVolume):
     """A data set in an HDF5 file; other processes open the file for themselves."""
 
-    def __init__(self, dataset: Any, name: str = "voxels", spacing: Spacing | None = None) -> None:
-        """Args: an `h5py.Dataset`, what to call it, and the size of its voxels, if known."""
+    def __init__(self, dataset: Any, name: str = "voxels", placement: Placement | None = None) -> None:
+        """Args: an `h5py.Dataset`, what to call it, and where its voxels are, if known."""
         shape = dataset.shape or ()
         super().__init__(name, shape, dataset.dtype, dataset.chunks or _contiguous(shape))
-        self.spacing = spacing
+        self.placement = placement
         self._path, self._place, self._dataset = Path(dataset.file.filename).absolute(), dataset.name, dataset
 
     def read(self, box: Box) -> Values:
@@ -171,7 +171,7 @@ class PartOfVolume(StoredVolume):
         """Args: the volume, the box in it, and what to call that."""
         chunks = tuple(_clipped(lengths, *side) for lengths, side in zip(volume.chunks, box, strict=True))
         super().__init__(name, [stop - start for start, stop in box], volume.dtype, chunks)
-        self.spacing = volume.spacing
+        self.placement = volume.placement
         self._volume, self._first = volume, tuple(start for start, _ in box)
 
     def at(self, box: Box) -> Any:

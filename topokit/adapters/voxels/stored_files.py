@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -20,7 +20,8 @@ from topokit.adapters.voxels.stored import (
     stored_array,
 )
 from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, check_zarr, refuse_links
-from topokit.core.grid.grid import Spacing
+from topokit.core.arrays import Floats
+from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, MissingDependencyError, Option, ReadError
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.formats import stored_in
@@ -29,6 +30,7 @@ from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking, lies_in
 
 _HOW = 'pip install "topokit[cluster]"'
+_UNITS = {"meter": "m", "millimeter": "mm", "micrometer": "µm", "nanometer": "nm", "angstrom": "Å"}  # of OME-Zarr
 
 
 def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
@@ -86,7 +88,7 @@ def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
         from zarr.errors import BaseZarrError
     except ImportError as error:
         raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
-    spacing: Spacing | None = None
+    placement: Placement | None = None
     with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
         if isinstance(path, Path):
             refuse_links(path)
@@ -98,16 +100,16 @@ def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
             shapes = {name: one.shape for name, one in arrays.items()}
             levels = _levels(found)
             chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
-            found, spacing = arrays[chosen], levels.get(chosen)
+            found, placement = arrays[chosen], levels.get(chosen)
         if isinstance(path, str):
             check_remote_zarr(path, found)
         else:
             check_zarr(path, found)
-    return IndexedVolume(found, name, spacing)
+    return IndexedVolume(found, name, placement)
 
 
-def _levels(group: Any) -> dict[str, Spacing | None]:
-    """The levels of an OME-Zarr image, finest first: their paths, and the sizes of their voxels; none for other groups.
+def _levels(group: Any) -> dict[str, Placement | None]:
+    """The levels of an OME-Zarr image, finest first: their paths, and where their voxels are; none for other groups.
 
     Reference:
         J. Moore et al., "OME-Zarr: a cloud-optimized bioimaging file format with international community support",
@@ -115,17 +117,30 @@ def _levels(group: Any) -> dict[str, Spacing | None]:
     """
     attributes = dict(group.attrs)
     images = attributes.get("ome", attributes).get("multiscales") or [{}]
-    found: dict[str, Spacing | None] = {}
+    units = [axis.get("unit", "") for axis in images[0].get("axes", ()) if isinstance(axis, dict)]
+    found: dict[str, Placement | None] = {}
     for level in images[0].get("datasets", ()):
-        scales = [one["scale"] for one in level.get("coordinateTransformations", ()) if one.get("type") == "scale"]
-        found[level["path"]] = _spacing(scales[0]) if scales else None
+        given = {one.get("type"): one for one in level.get("coordinateTransformations", ())}
+        scale, first = (np.asarray(given.get(name, {}).get(name, ()), dtype=float) for name in ("scale", "translation"))
+        found[level["path"]] = _ome_placement(scale, first, units)
     return found
 
 
-def _spacing(values: Any) -> Spacing | None:
-    """The sizes of voxels along three axes; None if there are not three."""
-    sizes = [float(value) for value in values]
-    return (sizes[0], sizes[1], sizes[2]) if len(sizes) == 3 else None
+def _ome_placement(scale: Floats, first: Floats, units: Sequence[str]) -> Placement | None:
+    """Where voxels are by their sizes, the center of the first one and the units; None unless there are three axes."""
+    if len(scale) != 3:
+        return None
+    unit = _UNITS.get(units[-1], units[-1]) if len(set(units)) == 1 else ""
+    if len(first) != 3:
+        return Placement(_triple(scale), unit=unit)
+    affine = np.diag([*scale, 1.0])
+    affine[:3, 3] = first
+    return Placement.of_affine(affine, unit)
+
+
+def _triple(values: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
 
 
 def hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
@@ -146,7 +161,8 @@ def hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
         found = file[_chosen(path, shapes, dataset)]
         check_hdf(path, found)
         sizes = found.attrs.get("element_size_um")  # as ilastik and its kin write it
-    return HdfVolume(found, path.name, None if sizes is None else _spacing(sizes))
+    told = sizes is not None and len(sizes) == 3
+    return HdfVolume(found, path.name, Placement(_triple(sizes), unit="µm") if told else None)
 
 
 def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:

@@ -91,7 +91,7 @@ def counted_volume(part: Part, connectivity: int, grid: Grid) -> CountedVolume:
     spans = nodes[:, 2:].reshape(-1, 2, 3) - 1
     solid = nodes[is_solid]
     return CountedVolume(
-        _surfaces(parent, sums[:, 0], sums[:, 1:], spans[:, 0], spans[:, 1], nodes[:, 0], grid),
+        _surfaces(parent, sums[:, 0], sums[:, 1:], spans[:, 0], spans[:, 1], nodes, grid),
         _solid_betti(parent, sums[:, 0], nodes[:, 0], is_solid),
         euler=int(sums[:, 0].sum()),
         dual_euler=part.dual // _SHARES,
@@ -115,7 +115,7 @@ def _parents(n_nodes: int, first: Integers, second: Integers) -> Integers:
 
 
 def _surfaces(
-    parent: Integers, euler: Integers, faces: Integers, low: Integers, high: Integers, voxels: Integers, grid: Grid
+    parent: Integers, euler: Integers, faces: Integers, low: Integers, high: Integers, nodes: Integers, grid: Grid
 ) -> CountedComponents:
     """The outer walls of the nodes of an adjacency tree, largest area first.
 
@@ -125,7 +125,7 @@ def _surfaces(
         faces: (N, 3) faces between voxels in these walls, across each axis.
         low: (N, 3) first voxel of each node along each axis.
         high: (N, 3) last + 1.
-        voxels: (N,) in each node.
+        nodes: (N, 8) rows of `NODE_COLUMNS`.
         grid: where the centers of the voxels are.
     """
     steps = np.asarray(grid.spacing) / max(grid.spacing)
@@ -136,6 +136,7 @@ def _surfaces(
     rank = np.full(len(parent), -1)
     rank[ranked] = np.arange(len(ranked))
     origin, spacing = np.asarray(grid.origin), np.asarray(grid.spacing)
+    first = np.stack(np.unravel_index(nodes[ranked, 1], [n + 2 for n in grid.shape]), axis=1) - 1
     return CountedComponents(
         euler[ranked],
         genus_of(euler[ranked]),
@@ -145,7 +146,8 @@ def _surfaces(
         areas[ranked] / areas.sum(),
         rank[parent[ranked]],
         _depths(parent)[ranked] - 1,
-        voxels[ranked] * np.prod(spacing),
+        nodes[ranked, 0] * np.prod(spacing),
+        origin + spacing * first,
     )
 
 

@@ -49,7 +49,7 @@ def caption(draw: ImageDraw.ImageDraw, middle: int, line: str) -> None:
     print(line)
     name, _, answer = line.partition(": ")
     answer, _, details = answer.partition(" (" if " (χ" in answer else ", ")
-    details = details.replace("), ", ", ")
+    details = details.rpartition("), ")[2]  # the font has no χ
     for text, size, ink, y in ((name, 16, DARK, 0), (answer, 14, DARK, 24), (details, 13, GRAY, 44)):
         draw.text((middle, SIDE + 8 + y), text, fill=ink, font=ImageFont.load_default(size), anchor="ma")
 

@@ -138,7 +138,7 @@ def test_a_folder_of_slices_is_a_volume(tmp_path: Path) -> None:
     found = CliRunner().invoke(app, ["report", str(folder)])
     assert "slices: 2 pieces, 1 tunnel, 1 cavity" in found.stdout
     tifffile.imwrite(folder / "z99.tif", image[:-1])
-    with pytest.raises(tk.errors.ReadError, match="z99.tif"):
+    with pytest.raises(tk.errors.ReadError, match=r"z99\.tif"):
         tk.load(folder)
     stacks = tmp_path / "stacks"
     stacks.mkdir()

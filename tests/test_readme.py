@@ -12,15 +12,14 @@ from types import ModuleType
 
 import pytest
 import torch
-import typer
 
 import topokit as tk
-from topokit.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PICTURES = ROOT / "docs" / "pictures"
-NAMES = README.partition("## Public names")[2].partition("\n## ")[0]
+DOCS = ROOT / "docs"
+NAMES = (DOCS / "api.md").read_text(encoding="utf-8").partition("## Public names")[2].partition("\n## ")[0]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.md")])
 PROGRAMS = re.findall(r"^```python\n(.*?)^```\n\n```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
 
@@ -36,11 +35,16 @@ def module(path: Path) -> ModuleType:
 
 
 def test_every_program_of_the_readme_shows_its_output() -> None:
-    assert len(PROGRAMS) == README.count("```python") == 4
+    assert len(PROGRAMS) == README.count("```python") == 3
 
 
-@pytest.mark.parametrize(("program", "shown"), PROGRAMS, ids=["ten lines", "handles", "topology loss", "adapter"])
+def test_the_readme_is_a_front_door() -> None:
+    assert len(README.encode()) <= 8000
+
+
+@pytest.mark.parametrize(("program", "shown"), PROGRAMS, ids=["six lines", "topology loss", "adapter"])
 def test_the_programs_of_the_readme_run_and_print_what_is_shown(program: str, shown: str, tmp_path: Path) -> None:
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     command = [sys.executable, "-X", "utf8", "-c", program]
     ran = subprocess.run(command, capture_output=True, cwd=tmp_path, text=True, encoding="utf-8")
     assert ran.returncode == 0, ran.stderr
@@ -57,30 +61,34 @@ def test_the_first_program_of_the_topology_loss_closes_its_hole(capsys: pytest.C
     assert "euler=2, components=1, tunnels=0, cavities=0" in capsys.readouterr().out
 
 
-def test_the_readme_lists_every_public_name_once() -> None:
+def test_the_readme_quotes_the_measured_shares() -> None:
+    """Every "n of N" of its table, and the wrong "likely" answers, are those of docs/accuracy.md."""
+    accuracy = (DOCS / "accuracy.md").read_text(encoding="utf-8")
+    measured = dict(re.findall(r"^\| ([\w ]+?)(?:, by counting)? \| (\d+ / \d+) \|", accuracy, re.MULTILINE))
+    quoted = dict(re.findall(r"^\| (?:Gaussian )?([\w ]+?) \|.*\| (\d+ of \d+)(?: networks)? \|", README, re.MULTILINE))
+    assert len(quoted) == 5
+    assert {name: share.replace(" of ", " / ") for name, share in quoted.items()}.items() <= measured.items()
+    draws = re.findall(r"\| (\d+) of (\d+) \|$", accuracy, re.MULTILINE)
+    wrong, likely = (sum(int(pair[number]) for pair in draws) for number in range(2))
+    assert re.findall(r"draws, (\d+) of (\d+)\s+were wrong", README) == [(str(wrong), str(likely))]
+
+
+def test_the_reference_lists_every_public_name_once() -> None:
     in_first_column = re.findall(r"`([A-Za-z_]+)`", " ".join(re.findall(r"^\| ([^|]*) \|", NAMES, re.MULTILINE)))
     assert sorted(in_first_column) == sorted(tk.__all__)
 
 
-def test_the_readme_lists_every_question_to_a_shape() -> None:
+def test_the_reference_lists_every_question_to_a_shape() -> None:
     names = {*dir(tk.Shape), *(name for base in tk.Shape.__mro__ for name in vars(base).get("__annotations__", ()))}
     assert {name for name in names if not name.startswith("_")} == set(re.findall(r"`\.([a-z_]+)", NAMES))
 
 
-def test_the_readme_lists_every_suffix() -> None:
-    listed = set(re.findall(r"(?<=[ `])\.[a-z0-9]+(?:\.gz)?(?=[ `])", README.partition("## What opens")[2]))
+def test_the_page_of_formats_lists_every_suffix() -> None:
+    listed = set(
+        re.findall(r"(?<=[ `])\.[a-z0-9]+(?:\.gz)?(?=[ `])", (DOCS / "formats.md").read_text(encoding="utf-8"))
+    )
     built_in = [adapter for adapter in tk.list_adapters() if "topokit" in str(adapter.opener)]
     assert listed >= {suffix for adapter in built_in for suffix in adapter.suffixes}
-
-
-def test_the_commands_of_the_readme_exist() -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    shell = README.partition("From the shell:")[2].partition("Results go to")[0]
-    lines = re.findall(r"^topokit (\S+) *(.*)$", shell, re.MULTILINE)
-    assert {name for name, _ in lines} == set(commands)
-    for name, rest in lines:
-        known = {flag for parameter in commands[name].params for flag in parameter.opts}
-        assert set(re.findall(r"(?<= )--?[a-z][a-z-]*", f" {rest}")) <= known, name
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

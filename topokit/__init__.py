@@ -15,8 +15,6 @@ _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 def __getattr__(name: str) -> Any:
     if name in __all__:
         return _attribute(name)
-    from difflib import get_close_matches
+    from topokit.text import no_attribute
 
-    hints = [f" Did you mean {near}?" for near in get_close_matches(name, __all__, 1)]
-    message = f"topokit has no attribute {name!r}.{''.join(hints)}"
-    raise AttributeError(message, name=name, obj=None)  # without an object Python adds no hint of its own
+    raise AttributeError(no_attribute("topokit", name, __all__), name=name, obj=None)  # Python would hint once more

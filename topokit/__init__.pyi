@@ -6,9 +6,14 @@ from .adapters.splats.adapter import from_splats
 from .adapters.splats.gaussians import GaussianSplats
 from .adapters.voxels.adapter import from_voxels
 from .adapters.voxels.labels import from_labels
-from .batch.survey import survey
+from .batch.distribution import SurveySummary, TopologyDistance
+from .batch.survey import Survey, survey
+from .core.components import SurfaceComponent
 from .core.handles.handle import Handle
-from .core.local.curvature import Curvature
+from .core.local.curvature import Curvature, CurvatureSettings
+from .core.loops import BoundaryLoop
+from .core.mesh.defects import Defect
+from .core.mesh.enclosed_solid import EnclosedSolid
 from .core.samples import SurfaceSamples
 from .errors import (
     AdapterError,
@@ -25,7 +30,9 @@ from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
+from .questions import euler, genus, report
 from .repair import fill_boundaries, simplify_topology
+from .report.location import Location
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
 
@@ -34,23 +41,33 @@ __all__ = [
     "Adapter",
     "AdapterError",
     "AdapterWarning",
+    "BoundaryLoop",
     "CountedAnswer",
     "Curvature",
+    "CurvatureSettings",
+    "Defect",
+    "EnclosedSolid",
     "EulerLoss",
     "Evidence",
     "GaussianSplats",
     "GenusError",
     "Handle",
     "InputError",
+    "Location",
     "MissingDependencyError",
     "ReadError",
     "Shape",
+    "SurfaceComponent",
     "SurfaceSamples",
+    "Survey",
+    "SurveySummary",
     "TopokitError",
+    "TopologyDistance",
     "TopologyLoss",
     "TopologyMonitor",
     "TopologyReport",
     "UnknownFormatError",
+    "euler",
     "euler_loss",
     "fill_boundaries",
     "from_labels",
@@ -60,11 +77,13 @@ __all__ = [
     "from_sdf",
     "from_splats",
     "from_voxels",
+    "genus",
     "list_adapters",
     "load",
     "losses",
     "refresh_adapters",
     "register_adapter",
+    "report",
     "simplify_topology",
     "survey",
     "testing",

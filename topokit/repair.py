@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from topokit.adapters.mesh.adapter import from_mesh
-from topokit.core.handles.repair import simplified, without_boundary
-from topokit.core.mesh.topology import mesh_topology
-from topokit.errors import InputError
 from topokit.shape import Shape
 
 if TYPE_CHECKING:
@@ -38,13 +32,7 @@ def simplify_topology(mesh: Any, *, below: float) -> trimesh.Trimesh:
         >>> tk.simplify_topology(torus_mesh(major=1, minor=0.1), below=1).euler_number
         2
     """
-    if not (isinstance(below, int | float) and below > 0 and not math.isnan(below)):
-        raise InputError(f"below is {below!r}; a positive length in units of the vertices was expected.")
-    import trimesh
-
-    surface = (mesh if isinstance(mesh, Shape) else from_mesh(mesh)).surface()
-    vertices, faces = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
-    return trimesh.Trimesh(*simplified(vertices, faces, float(below)), process=False)
+    return (mesh if isinstance(mesh, Shape) else from_mesh(mesh)).simplify_topology(below=below)
 
 
 def fill_boundaries(mesh: Any) -> trimesh.Trimesh:
@@ -60,11 +48,4 @@ def fill_boundaries(mesh: Any) -> trimesh.Trimesh:
     Raises:
         InputError: if the mesh has edges with three faces or more or cannot be oriented, or the shape has no mesh.
     """
-    import trimesh
-
-    shape = mesh if isinstance(mesh, Shape) else from_mesh(mesh)
-    if shape.mesh is None:
-        raise InputError(f"{shape.name} was not made from a mesh, so it has no boundary that could be filled.")
-    vertices, faces = (part.detach().cpu().numpy() for part in shape.mesh)
-    points = vertices.astype(np.float64)
-    return trimesh.Trimesh(*without_boundary(points, mesh_topology(points, faces)), process=False)
+    return (mesh if isinstance(mesh, Shape) else from_mesh(mesh)).fill_boundaries()

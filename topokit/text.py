@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import logging
 import re
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from typing import Any
 
 # Control characters, marks that turn the direction of writing, line separators, and halves of a letter (surrogates),
@@ -57,6 +59,21 @@ def _escaped(letter: str) -> str:
     if "\udc80" <= letter <= "\udcff":
         return f"\\x{ord(letter) - 0xDC00:02x}"
     return letter.encode("unicode_escape").decode("ascii")
+
+
+def no_attribute(owner: str, name: str, known: Iterable[str], other_words: Mapping[str, str] | None = None) -> str:
+    """What an AttributeError says: the missing name, and what may have been meant.
+
+    Args:
+        owner: what has no such attribute.
+        name: the attribute.
+        known: names that exist.
+        other_words: what to use instead of names that are usual elsewhere.
+    """
+    if name in (other_words or {}):
+        return f"{owner} has no attribute {name!r}. Use {(other_words or {})[name]}."
+    near = get_close_matches(name, [one for one in known if not one.startswith("_")], 1)
+    return f"{owner} has no attribute {name!r}." + "".join(f" Did you mean {one}?" for one in near)
 
 
 def make_logs_printable() -> None:

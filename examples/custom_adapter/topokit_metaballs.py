@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from topokit import Adapter
 from topokit.errors import ReadError
-from topokit.inputs.files import head
-from topokit.inputs.reading import reading
+from topokit.plugins import head, reading
 
 if TYPE_CHECKING:
     import torch

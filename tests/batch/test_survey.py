@@ -177,10 +177,38 @@ def test_the_distance_between_two_sets(tmp_path: Path) -> None:
         first.distance(tk.survey([tmp_path / "gone"]))
 
 
+def test_shapes_in_memory_have_rows_like_files(tmp_path: Path) -> None:
+    shapes = [tk.from_mesh(genus_mesh(genus)).replace(name=f"made {genus}") for genus in (1, 2)]
+    survey = tk.survey([*shapes, meshes(tmp_path / "files", [2])])
+    assert (len(survey), [row["genus"] for row in survey.rows]) == (3, [1, 2, 2])
+    assert survey[0] == survey.rows[0]
+    assert survey[0]["file"] == "made 1"
+    assert survey[1] | {"file": "", "adapter": "", "seconds": 0} == survey[2] | {
+        "file": "",
+        "adapter": "",
+        "seconds": 0,
+    }
+    assert tk.survey(shapes).summary().genus == {1: 1, 2: 1}
+    assert without_times(tk.survey(shapes, jobs=2).rows) == without_times(tk.survey(shapes).rows)
+    for wrong in ({"n_samples": 500}, {"labels": "all"}, {"resume": tmp_path / "rows.jsonl"}):
+        with pytest.raises(tk.InputError, match=next(iter(wrong))):
+            tk.survey(shapes, **wrong)
+    tk.survey(shapes).save_html(tmp_path / "made.html")
+    assert "made 2" in (tmp_path / "made.html").read_text(encoding="utf-8")
+
+
+def test_a_survey_is_shown_in_notebooks_and_becomes_a_data_frame(folder: Path) -> None:
+    survey = tk.survey(folder)
+    assert "<td>" not in survey._repr_html_()  # nothing is examined for it
+    table = pytest.importorskip("pandas") and survey.to_pandas()
+    assert list(table.columns) == list(COLUMNS)
+    assert len(table) == len(survey) == 6
+    assert survey._repr_html_().count("<tr>") == 7
+
+
 def test_what_is_no_path_is_refused_with_the_way_out(tmp_path: Path) -> None:
-    shape = tk.from_mesh(icosphere(1))
-    for paths in ([shape], shape, [tmp_path, 3]):
-        with pytest.raises(tk.InputError, match=r"shape\.report\(\)"):
+    for paths in ([tmp_path, 3], [3.0], [icosphere(1)]):
+        with pytest.raises(tk.InputError, match=r"topokit\.load"):
             tk.survey(paths)  # type: ignore[arg-type]
     for path in (tmp_path / "nodir", str(tmp_path / "*.stl")):
         with pytest.raises(tk.InputError, match="does not exist"):

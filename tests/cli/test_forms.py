@@ -318,10 +318,18 @@ def test_a_table_on_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
             assert ("…" in lines[1]) == (width < 120)
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/index.md", "docs/command-line.md", "docs/recipes.md"])
+ROOT = DATA.parents[1]
+COMMANDED = [
+    str(page.relative_to(ROOT))
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+    if "```sh\ntopokit " in page.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("page", COMMANDED)
 def test_commands_of_the_documentation_have_these_options(page: str) -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    text = (DATA.parents[1] / page).read_text(encoding="utf-8")
+    text = (ROOT / page).read_text(encoding="utf-8")
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE))
     lines = re.findall(r"(?:^|\| )topokit ([a-z]+)\b([^#\n]*)", blocks, re.MULTILINE)
     lines += re.findall(r"`topokit ([a-z]+)\b([^`]*)`", text)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,10 +123,8 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
     try:
         if source.problem is not None:
             raise InputError(source.problem)
-        with in_reach(source.path, questions.options.adapter) as path:
-            adapter, given = questions.options(path)
-            options = seeded(given) | ({} if questions.client is None else {"client": questions.client})
-            for label, shape in _shapes(path, questions.labels, adapter, options):
+        with _opened(source, questions) as (adapter, shapes):
+            for label, shape in shapes:
                 with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
                     answer = _answer(shape, questions)
                 seconds = time.perf_counter() - started
@@ -183,14 +182,19 @@ def _is_manifold(report: TopologyReport, shape: Shape) -> bool | None:
     return None if shape.counted is None else shape.counted.manifold
 
 
-def _shapes(
-    path: Path | str, labels: Any, adapter: str, options: Mapping[str, Any]
-) -> Iterator[tuple[int | None, Shape]]:
-    """The shapes in a file, by their labels."""
-    if labels is None:
-        yield None, load(path, adapter=adapter, **options)
-    else:
-        yield from load_labels(path, labels, adapter, **options).items()
+@contextmanager
+def _opened(source: Source, questions: Questions) -> Iterator[tuple[str | None, Iterable[tuple[int | None, Shape]]]]:
+    """During the block the adapter of a source, and its shapes by their labels."""
+    if source.shape is not None:
+        yield None, [(None, source.shape)]
+        return
+    with in_reach(source.path, questions.options.adapter) as path:
+        adapter, given = questions.options(path)
+        options = seeded(given) | ({} if questions.client is None else {"client": questions.client})
+        if questions.labels is None:
+            yield adapter, [(None, load(path, adapter=adapter, **options))]
+        else:
+            yield adapter, load_labels(path, questions.labels, adapter, **options).items()
 
 
 def called(row: Row) -> str:

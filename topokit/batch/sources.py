@@ -8,30 +8,37 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.remote import is_address, matching_addresses
 from topokit.plugins.registry import is_known, objection
 from topokit.report.wording import plural
 
-Paths = str | os.PathLike[str] | Iterable[str | os.PathLike[str]]
+if TYPE_CHECKING:
+    from topokit.shape import Shape
+
+Named = str | os.PathLike[str]
+Paths = Named | Iterable["Named | Shape"]
 
 _SUFFIX, _LETTER = re.compile(r"\.[A-Za-z0-9.]+$"), re.compile("[A-Za-z]")
 
 
 @dataclass(frozen=True)
 class Source:
-    """One file or folder to examine.
+    """One file or folder to examine, or a shape in memory.
 
     Attributes:
-        path: where it is; a text if that is an address.
+        path: where it is; a text if that is an address. Of a shape in memory its name.
         name: what to call it in results.
         problem: why there is nothing to examine, or None.
+        shape: in memory, or None.
     """
 
     path: Path | str
     name: str
     problem: str | None = None
+    shape: Shape | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +59,7 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
     the others have a `problem`.
 
     Args:
-        paths: one or several.
+        paths: one or several; a list may hold shapes, too.
         adapter: name of the adapter that will open them; of folders only its files are taken.
 
     Raises:
@@ -60,6 +67,9 @@ def find_sources(paths: Paths, adapter: str | None = None) -> Sources:
     """
     finder = _Finder(adapter)
     for path in _listed(paths):
+        if isinstance(path, Source):
+            finder.sources.append(path)
+            continue
         if is_address(path):
             finder.add_address(str(path))
             continue
@@ -124,17 +134,21 @@ class _Finder:
         self.sources.append(Source(path, str(path), problem))
 
 
-def _listed(paths: object) -> list[str | os.PathLike[str]]:
+def _listed(paths: object) -> list[Named | Source]:
+    """What was given, one by one; shapes as sources."""
     given = paths if isinstance(paths, Iterable) and not isinstance(paths, str | os.PathLike) else [paths]
-    listed: list[str | os.PathLike[str]] = []
-    for one in given:
-        if not isinstance(one, str | os.PathLike):
-            raise InputError(
-                f"paths of files, folders and patterns were expected, not {type(one).__name__}. Shapes in memory have "
-                "reports of their own: [shape.report() for shape in shapes]."
-            )
-        listed.append(one)
-    return listed
+    return [one if isinstance(one, str | os.PathLike) else _in_memory(one) for one in given]
+
+
+def _in_memory(shape: object) -> Source:
+    from topokit.shape import Shape
+
+    if not isinstance(shape, Shape):
+        raise InputError(
+            f"paths of files, folders and patterns, or shapes, were expected, not {type(shape).__name__}. Make shapes "
+            "of objects first: [topokit.load(mesh) for mesh in meshes]."
+        )
+    return Source(shape.name, shape.name, shape=shape)
 
 
 def _at_home(path: str) -> str:

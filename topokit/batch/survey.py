@@ -18,26 +18,33 @@ from topokit.batch.names import name_as_data, names_in_common_folder
 from topokit.batch.sources import Paths, Sources, find_sources
 from topokit.batch.workers import examine_each, in_order
 from topokit.ending import written_whole
-from topokit.errors import InputError
+from topokit.errors import InputError, MissingDependencyError
 from topokit.inputs.remote import is_address
+from topokit.report.wording import plural
 from topokit.text import json_text
 
 if TYPE_CHECKING:
+    import pandas
+
     from topokit.pages import Entry
 
 
+_SHOWN = ("file", "verdict", "euler", "genus", "components", "pieces", "closed", "boundary_loops", "error")
+_MOST_ROWS = 200  # in a notebook
+
+
 class Survey:
-    """The rows of many files, examined while they are asked for.
+    """The rows of many files or shapes, examined while they are asked for.
 
     Iterating gives each row as soon as it is known; rows are kept, so nothing is examined twice. A row is a dictionary
     with the same keys for every file and plain values, None where something is unknown: `file`, `label`, `adapter`,
     `verdict`, `confidence`, `euler`, `genus`, `components`, `pieces`, `tunnels`, `cavities`, `solid_euler`,
     `boundary_loops`, `closed`, `manifold`, `resolution`, `estimate`, `refined`, `reason`, `seconds`, `error`. So
-    `pandas.DataFrame(survey.rows)` or `polars.DataFrame(survey.rows)` is a table. A file that could not be examined has
+    `survey.to_pandas()` or `polars.DataFrame(survey.rows)` is a table. A file that could not be examined has
     a row, too, with its `error`.
 
     Attributes:
-        files: names of the files, in order.
+        files: names of the files and shapes, in order.
         passed_over: names of the files in folders that are of no known format.
     """
 
@@ -72,8 +79,37 @@ class Survey:
                     self._keep(number, [answer.row for answer in answers])
                 yield from self._rows[number]
 
+    def __len__(self) -> int:
+        """Number of files and shapes; a labeled volume is one, whatever the number of its rows."""
+        return len(self.files)
+
+    def __getitem__(self, number: int) -> Row:
+        """One of `rows`."""
+        return self.rows[number]
+
     def __repr__(self) -> str:
-        return f"Survey({len(self.files)} files, {len(self._rows)} examined)"
+        return f"Survey({plural(len(self), 'file')}, {len(self._rows)} examined)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a table of the rows that are known."""
+        from topokit.report.report import environment
+
+        known = [row for _, rows in sorted(self._rows.items()) for row in rows]
+        return (
+            environment().get_template("survey.html").render(title=repr(self), rows=known[:_MOST_ROWS], columns=_SHOWN)
+        )
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """All rows as a data frame of pandas, with a column for each key.
+
+        Raises:
+            MissingDependencyError: if pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingDependencyError("to_pandas needs pandas: pip install pandas.") from error
+        return pandas.DataFrame(self.rows, columns=list(COLUMNS))
 
     @property
     def rows(self) -> list[Row]:
@@ -164,13 +200,13 @@ def survey(
     details: bool = False,
     **options: Any,
 ) -> Survey:
-    """Examine many files: one row for each, whatever happens.
+    """Examine many files or shapes: one row for each, whatever happens.
 
     With several processes or a cluster rows come as they are known, in any order; `Survey.rows` has that of the files.
 
     Args:
-        paths: files, folders and patterns, one or several. Of a folder and the folders in it, the files are taken that
-            an adapter knows.
+        paths: files, folders and patterns, one or several, or a list of shapes. Of a folder and the folders in it, the
+            files are taken that an adapter knows. Shapes are called by their names: `shape.replace(name=...)`.
         jobs: number of processes; 1 stays in this one, 0 is one for each core. A process that dies, as in a reader
             that crashes, costs one row; adapters must then be installed packages, not registered in a script.
         time_limit: seconds that a file may take; one that takes longer costs a row with an error. Files are then
@@ -219,6 +255,12 @@ def survey(
         journal = Journal(Path(resume), given, COLUMNS, several=labels is not None, retries=retry_failed)
     sources = find_sources(paths, adapter)
     _require_something(paths, sources)
+    in_memory = [source for source in sources.sources if source.shape is not None]
+    if in_memory and journal is not None:
+        raise InputError("resume is for files: shapes in memory cannot be known again.")
+    if in_memory and len(in_memory) == len(sources.sources) and (options or adapter is not None or labels is not None):
+        named = [*options, *(["adapter"] if adapter is not None else []), *(["labels"] if labels is not None else [])]
+        raise InputError(f"{', '.join(named)}: these are for opening files, and the shapes are open already.")
     return Survey(sources, questions, jobs, Limits(time_limit, memory_limit), client, journal)
 
 

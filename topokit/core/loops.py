@@ -40,3 +40,9 @@ def bounds_of(points: Floats) -> tuple[Corner, Corner]:
     """Lowest and highest corner of the bounding box of points (N, 3)."""
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+def middle(bounds: tuple[Corner, Corner]) -> Corner:
+    """Middle of a box."""
+    x, y, z = ((a + b) / 2 for a, b in zip(*bounds, strict=True))
+    return x, y, z

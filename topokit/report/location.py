@@ -192,12 +192,6 @@ def _unit(place: Place | None, power: str = "") -> str:
     return f" {place.unit}{power}" if place is not None and place.unit else ""
 
 
-def middle(bounds: Box) -> Corner:
-    """Middle of a box."""
-    x, y, z = ((a + b) / 2 for a, b in zip(*bounds, strict=True))
-    return x, y, z
-
-
 def _at(center: Corner, bounds: Box) -> str:
     return position(center, max(b - a for a, b in zip(*bounds, strict=True)))
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 from topokit.core.grid.placement import Placement
 from topokit.core.handles.handle import Handle
+from topokit.core.loops import middle
 from topokit.core.mesh.defects import Defect
 from topokit.errors import MissingDependencyError, TopokitError
 from topokit.report.location import (
@@ -18,7 +19,6 @@ from topokit.report.location import (
     LocatedRegion,
     Location,
     Place,
-    middle,
 )
 from topokit.report.report import TopologyReport
 
@@ -89,7 +89,7 @@ def located_handles(handles: Sequence[Handle], placement: Placement | None = Non
         LocatedHandle(
             handle_length=one.handle_length,
             tunnel_length=one.tunnel_length,
-            center=middle(one.bounds),
+            center=one.center,
             bounds=one.bounds,
             component=one.component,
             tunnel_center=center,

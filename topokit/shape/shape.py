@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
@@ -16,9 +15,7 @@ from topokit.core.grid.field import Field
 from topokit.core.grid.winding_field import regularized_samples
 from topokit.core.handles.find import find_handles
 from topokit.core.handles.handle import Handle
-from topokit.core.local.curvature import (
-    DEFAULT_NEIGHBORS,
-)
+from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
@@ -29,18 +26,16 @@ from topokit.errors import InputError, summary
 from topokit.report.cloud import cloud_report
 from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
-from topokit.shape import estimates
+from topokit.shape import estimates, facts, outputs
 from topokit.shape.details import with_details
 from topokit.shape.locate import with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
 from topokit.shape.surface import boundary_of, closed_surface
+from topokit.text import no_attribute
 
 if TYPE_CHECKING:
     import trimesh
-    from PIL import Image
 
-    from topokit.export.colors import Quantity
-    from topokit.pages.single import View
 
 UNNAMED = "shape"
 
@@ -109,6 +104,13 @@ class Shape:
 
     def __delattr__(self, attribute: str) -> None:
         raise AttributeError(f"a Shape is immutable: its {attribute} cannot be deleted.")
+
+    if not TYPE_CHECKING:  # a type checker would take any name for an attribute
+
+        def __getattr__(self, attribute: str) -> object:
+            if attribute in dir(type(self)):  # a property that failed: its own error is the one to show
+                return object.__getattribute__(self, attribute)
+            raise AttributeError(no_attribute("a Shape", attribute, dir(type(self)), facts.OTHER_WORDS), name=attribute)
 
     def __repr__(self) -> str:
         counted = "" if self._known.counted_so_far is None else "counted, "
@@ -341,71 +343,22 @@ class Shape:
         k = self.n_neighbors or self._known.automatic_neighbors()
         return self._with(regularized_samples(oriented.samples, areas, k), None)
 
-    def to_trimesh(self, color_by: Quantity | None = None) -> trimesh.Trimesh:
-        """The mesh as a `trimesh.Trimesh`, with the vertices that were counted as one merged.
+    is_closed = property(facts.is_closed)
+    n_components = property(facts.n_components)
+    bounds = property(facts.bounds)
+    area = property(facts.area)
+    volume = property(facts.volume)
+    betti = facts.betti
+    split = facts.split
+    simplify_topology = facts.simplify_topology
+    fill_boundaries = facts.fill_boundaries
 
-        Args:
-            color_by: "gaussian", "mean" or "total" adds curvature as vertex colors and attributes (see
-                `topokit.export.to_trimesh`) and leaves out vertices without a face; None leaves the mesh bare.
-
-        Raises:
-            InputError: if the shape was not made from a mesh.
-        """
-        from topokit.export.trimesh import to_trimesh
-
-        return to_trimesh(self, color_by)
-
-    def save_ply(self, path: str | os.PathLike[str], color_by: Quantity = "gaussian") -> int:
-        """Write curvature as colors and scalar fields of a PLY file; see `topokit.export.save_ply`."""
-        from topokit.export.ply import save_ply
-
-        return save_ply(self, path, color_by)
-
-    def picture(
-        self, side: int = 600, *, eye: tuple[float, float, float] = (0.9, -1.3, 1.0), locate: bool = False
-    ) -> Image.Image:
-        """A picture of the shape, colored by Gaussian curvature, made on the CPU without a display.
-
-        A mesh is drawn as it is, a volume or network as its level set, anything else as its samples.
-
-        Args:
-            side: pixels of the square.
-            eye: direction from the shape to the viewer; z is up.
-            locate: whether to draw the handles, tunnels, boundaries and defects of the report as lines.
-
-        Raises:
-            InputError: if the samples are batched.
-        """
-        from topokit.pages.single import picture
-
-        return picture(self, side, eye=eye, locate=locate)
-
-    def save_html(self, path: str | os.PathLike[str]) -> None:
-        """Write the report with a 3D view as one HTML file that needs nothing else.
-
-        Args:
-            path: file to write, called .html or .htm; it appears when it is complete.
-
-        Raises:
-            InputError: if the file is not called .html or .htm, or its folder does not exist; or if the samples are
-                batched.
-        """
-        from topokit.pages.single import save_page
-
-        save_page(self, path)
-
-    def show(self) -> View | None:
-        """Show the page that `save_html` writes: in a notebook below the cell, elsewhere in a tab of the browser."""
-        from topokit.pages.single import show
-
-        return show(self)
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows: a picture and the report, as far as neither takes long to make."""
-        from topokit.pages.single import shape_html
-
-        report = None if self._known.counted_so_far is None else self.report()
-        return shape_html(self, report, draw=report is not None or self._known.samples_so_far is not None)
+    to_trimesh = outputs.to_trimesh
+    save_ply = outputs.save_ply
+    save_html = outputs.save_html
+    picture = outputs.picture
+    show = plot = outputs.show
+    _repr_html_ = outputs.notebook_html
 
     curvature = estimates.curvature
     euler = estimates.euler

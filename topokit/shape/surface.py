@@ -51,7 +51,7 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
 def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
     """The curves along which a shape's surface ends, longest first; see `Shape.boundaries`."""
     if shape.mesh is not None:
-        return mesh_boundary(*_arrays(shape.mesh))
+        return mesh_boundary(*mesh_arrays(shape.mesh))
     if shape.counted is not None:
         if shape.counted.closed:
             return ()
@@ -69,7 +69,7 @@ def _surface_found(shape: Shape) -> TriangleSurface | None:
     if shape._make_surface is not None:
         return shape._make_surface()
     if shape.mesh is not None:
-        return TriangleSurface(*_arrays(shape.mesh)).compact()
+        return TriangleSurface(*mesh_arrays(shape.mesh)).compact()
     witness = shape._known.examination().witness
     if witness is None or witness.surface is None:
         return None
@@ -77,6 +77,7 @@ def _surface_found(shape: Shape) -> TriangleSurface | None:
     return TriangleSurface(points[witness.surface.points], witness.surface.faces)
 
 
-def _arrays(mesh: tuple[Tensor, Tensor]) -> tuple[Floats, Integers]:
+def mesh_arrays(mesh: tuple[Tensor, Tensor]) -> tuple[Floats, Integers]:
+    """Vertices (V, 3) and faces (F, 3) of a shape's mesh, detached, in double precision."""
     vertices, faces = (part.detach().cpu().numpy() for part in mesh)
     return vertices.astype(np.float64), faces

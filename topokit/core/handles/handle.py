@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from topokit.core.arrays import Floats, Integers
 from topokit.core.components import Corner
 from topokit.core.handles.surgery import Arrays, without_loops
+from topokit.core.loops import middle
 
 if TYPE_CHECKING:
     import trimesh
@@ -43,6 +44,11 @@ class Handle:
     def size(self) -> float:
         """Length of the shorter curve."""
         return min(self.handle_length, self.tunnel_length)
+
+    @property
+    def center(self) -> Corner:
+        """Middle of `bounds`."""
+        return middle(self.bounds)
 
     @property
     def shorter(self) -> Integers:

@@ -1,0 +1,172 @@
+"""Plain facts about a shape, under the names that other mesh libraries use: closedness, Betti numbers, size, parts.
+
+The functions are methods of `Shape`; those without further arguments are properties where trimesh has properties.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from topokit.core.arrays import Floats
+from topokit.core.components import Corner
+from topokit.core.handles.repair import simplified, without_boundary
+from topokit.core.loops import bounds_of
+from topokit.core.mesh.topology import MeshTopology, mesh_topology
+from topokit.core.surface import TriangleSurface
+from topokit.errors import InputError
+from topokit.report.report import Betti
+from topokit.shape.surface import closed_surface, mesh_arrays
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from topokit.shape.shape import Shape
+
+OTHER_WORDS = {
+    "points": "samples.points",
+    "normals": "samples.normals, or oriented().samples.normals",
+    "vertices": "mesh[0]",
+    "faces": "mesh[1]",
+    "is_watertight": "is_closed",
+    "is_manifold": "counted.manifold",
+    "euler_number": "euler()",
+    "euler_characteristic": "euler()",
+    "betti_numbers": "betti()",
+    "components": "n_components, or split()",
+    "repair": "simplify_topology(below=...) or fill_boundaries()",
+    "smooth": "regularized()",
+    "export": "surface().export(path) or save_ply(path)",
+}
+"""What is asked for under these names in other libraries."""
+
+
+class BettiNumbers(NamedTuple):
+    """Betti numbers of a shape.
+
+    Attributes:
+        surface: (c, 2g, c) of the closed surface, for c components of total genus g; None if it is open or unknown.
+        solid: (pieces, tunnels, cavities) of the solid inside the surface; None likewise.
+    """
+
+    surface: Betti | None
+    solid: Betti | None
+
+
+def is_closed(shape: Shape) -> bool:
+    """Whether the surface is closed; `report().closed`. A report of points takes seconds, once."""
+    return shape.report().closed
+
+
+def n_components(shape: Shape) -> int:
+    """Number of connected components of the surface; a hollow ball has two. `report().components`."""
+    return shape.report().components
+
+
+def betti(shape: Shape) -> BettiNumbers:
+    """Betti numbers of the surface and of the solid inside it, as in the report.
+
+    Example:
+        >>> import topokit as tk
+        >>> from topokit.testing import genus_mesh
+        >>> tk.from_mesh(genus_mesh(3)).betti()
+        BettiNumbers(surface=(1, 6, 1), solid=(1, 3, 0))
+    """
+    report = shape.report()
+    return BettiNumbers(report.surface_betti, report.solid_betti)
+
+
+def bounds(shape: Shape) -> tuple[Corner, Corner]:
+    """Lowest and highest corner of the bounding box, in units of length: of what was counted, else of the samples."""
+    if shape.counted is not None and len(parts := shape.counted.components):
+        return bounds_of(np.concatenate((parts.low, parts.high)))
+    return bounds_of(_points(shape, "bounds are those"))
+
+
+def area(shape: Shape) -> float:
+    """Surface area: of the triangles of a mesh, else the sum of the samples' Voronoi areas, which noise makes larger.
+
+    The differentiable value is `curvature().area.sum()`.
+
+    Raises:
+        InputError: if there is no mesh and the samples are batched.
+    """
+    if shape.mesh is not None:
+        vertices, faces = mesh_arrays(shape.mesh)
+        a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    _points(shape, "area is that")
+    return float(shape.curvature().area.detach().double().sum())
+
+
+def volume(shape: Shape) -> float:
+    """Volume of the solid that the closed surface bounds, without its cavities; `surface().volume`.
+
+    Raises:
+        InputError: if there is no closed surface; see `surface`.
+    """
+    surface = closed_surface(shape)
+    a, b, c = ((surface.vertices - surface.vertices[0])[surface.faces[:, corner]] for corner in range(3))
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+def split(shape: Shape) -> tuple[trimesh.Trimesh, ...]:
+    """The connected components as meshes, in the order of `report().per_component`: largest area first.
+
+    The components of a mesh that is open are split as they are; other shapes need a closed surface. Each part is a
+    `trimesh.Trimesh`; `topokit.from_mesh(part)` is a shape again. Faces that bound a cavity point into it.
+
+    Raises:
+        InputError: if the shape is no mesh and has no closed surface; see `surface`.
+
+    Example:
+        >>> import topokit as tk
+        >>> from topokit.testing import genus_mesh, torus_mesh
+        >>> len(tk.from_mesh(torus_mesh()).split())
+        1
+    """
+    from topokit.export.trimesh import as_trimesh
+
+    vertices, topology = _mesh_of(shape)
+    parts = (topology.faces[topology.face_labels == number] for number in range(len(topology.components)))
+    return tuple(as_trimesh(TriangleSurface(vertices, faces).compact()) for faces in parts)
+
+
+def simplify_topology(shape: Shape, *, below: float) -> trimesh.Trimesh:
+    """The closed surface without its small handles and tunnels; see `topokit.simplify_topology`."""
+    if not (isinstance(below, int | float) and below > 0 and not math.isnan(below)):
+        raise InputError(f"below is {below!r}; a positive length in units of the vertices was expected.")
+    from topokit.export.trimesh import as_trimesh
+
+    surface = closed_surface(shape)
+    return as_trimesh(TriangleSurface(*simplified(surface.vertices, surface.faces, float(below))))
+
+
+def fill_boundaries(shape: Shape) -> trimesh.Trimesh:
+    """The mesh with every boundary loop closed by a fan of triangles; see `topokit.fill_boundaries`."""
+    if shape.mesh is None:
+        raise InputError(f"{shape.name} was not made from a mesh, so it has no boundary that could be filled.")
+    from topokit.export.trimesh import as_trimesh
+
+    vertices, faces = mesh_arrays(shape.mesh)
+    return as_trimesh(TriangleSurface(*without_boundary(vertices, mesh_topology(vertices, faces))))
+
+
+def _points(shape: Shape, what: str) -> Floats:
+    """The samples (N, 3), unless they are batched."""
+    points = shape.samples.points.detach().cpu().double().numpy()
+    if points.ndim != 2:
+        raise InputError(f"{what} of one shape; the samples are batched, {points.shape}: make a shape of each item.")
+    return points
+
+
+def _mesh_of(shape: Shape) -> tuple[Floats, MeshTopology]:
+    """Vertices and counted faces: of the mesh, else of the closed surface."""
+    if shape.mesh is not None:
+        vertices, faces = mesh_arrays(shape.mesh)
+    else:
+        surface = closed_surface(shape)
+        vertices, faces = surface.vertices, surface.faces
+    return vertices, mesh_topology(vertices, faces)

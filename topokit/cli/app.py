@@ -24,7 +24,7 @@ from topokit.cli.bundle import takes_bundles
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.options import Given, Opener, described_options
 from topokit.cli.request import Request
-from topokit.cli.single import curvature, handles, picture
+from topokit.cli.single import curvature, curve, handles, picture
 from topokit.cli.writers import (
     CsvWriter,
     Form,
@@ -189,7 +189,7 @@ def _print_number(
     answer_files(files, opener, request, writer, check=check)
 
 
-for command in (curvature, picture, handles):
+for command in (curvature, picture, handles, curve):
     app.command()(command)
 
 

@@ -103,8 +103,15 @@ def _flag(name: str) -> str:
     return f"-O {name}=…"
 
 
+@dataclass(frozen=True)
 class Opener(Options):
-    """Opens files with the options of the command line, whose texts are parsed for each adapter."""
+    """Opens files with the options of the command line, whose texts are parsed for each adapter.
+
+    Attributes:
+        needs_level: whether the level makes a difference; if not, files that need one are opened with the lowest.
+    """
+
+    needs_level: bool = True
 
     def __call__(self, path: Path | str) -> tuple[str, dict[str, Any]]:
         """The name of the adapter of a file, and its options.
@@ -118,9 +125,12 @@ class Opener(Options):
 
         adapter = adapter_for(path, self.adapter)
         known = options_of(adapter)
+        given = self.given
+        if not self.needs_level and known and "level" in known and known["level"].default is None:
+            given = given if {"level", "label"} & given.keys() else {"level": float("-inf"), **given}
         return adapter.name, {
             name: _value(path, name, value, adapter.name, known)
-            for name, value in self.given.items()
+            for name, value in given.items()
             if known is None or name in known or name not in _SAMPLING
         }
 

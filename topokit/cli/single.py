@@ -1,8 +1,9 @@
-"""The commands about one file: its curvature, a picture of it, its handles."""
+"""The commands about one file: its curvature, a picture of it, its handles, its topology over all levels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -97,6 +98,36 @@ def handles(
         return "\n".join("\t".join(f"{number:.6g}" for number in line) for line in numbers)
 
     _ask(file, format, given.opener(), answer, output)
+
+
+@takes_bundles
+def curve(
+    file: Annotated[str, typer.Argument(help="A volume or a network.", metavar="FILE")],
+    given: Given,
+    format: Format = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Plot to write (.png, .svg or .pdf); needs matplotlib.")
+    ] = None,
+    n_levels: Annotated[int, typer.Option("--levels", min=0, help="Levels, evenly spaced; 0 for all changes.")] = 64,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object of lists.")] = False,
+) -> None:
+    """Which threshold: one line per level with χ of the solid, pieces, tunnels and cavities (tabs)."""
+    opener = given.opener()
+
+    def answer(shape: Shape) -> str:
+        whole = shape.euler_curve()
+        if output is not None:
+            from topokit.export.plot import save_plot
+
+            save_plot(whole, output, title=shape.name)
+        found = whole.sampled(n_levels) if n_levels else whole
+        if as_json:
+            return json_text(found.to_dict(), indent=2)
+        rows = zip(found.levels, found.euler, *found.betti.T, strict=True)
+        lines = (f"{level:.8g}\t" + "\t".join(map(str, numbers)) for level, *numbers in rows)
+        return "\n".join(("level\teuler\tpieces\ttunnels\tcavities", *lines))
+
+    _ask(file, format, replace(opener, needs_level=False), answer, output)
 
 
 def _convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:

@@ -106,6 +106,8 @@ class TopologyReport:
         location: where pieces, tunnels, cavities, handles, boundaries and defects are, or None if they were not looked
             for.
         placement: where the voxels of a volume are, else None. Reports of volumes speak of the solid first.
+        level_range: levels at which pieces, tunnels and cavities of a field stay as reported, from the first value up
+            to the second; None if it was not computed, or there are no levels.
     """
 
     name: str
@@ -129,6 +131,7 @@ class TopologyReport:
     confidence: float | None = None
     location: Location | None = None
     placement: Placement | None = None
+    level_range: tuple[float, float] | None = None
 
     @property
     def pieces(self) -> int | None:

@@ -13,6 +13,7 @@ from torch import Tensor
 from topokit.core.mesh.enclosed_solid import EnclosedSolid, enclosed_solid
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import overlaps
+from topokit.shape.levels import level_range
 
 if TYPE_CHECKING:
     from topokit.shape.shape import Shape
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> TopologyReport:
     """The report with χ⁽⁰⁾, χ⁽ᴷ⁾ (if closed) and the solid that a mesh encloses, each a row of evidence.
 
-    Sentences state the estimates, and the solid where it differs from the mesh.
+    Sentences state the estimates, the solid where it differs from the mesh, and at which levels a field's answer stays.
 
     Args:
         report: to be completed.
@@ -51,8 +52,19 @@ def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> Topo
         rows.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
         if not report.closed or overlaps(solid.off_level):
             reasons = (*reasons, _solid_sentence(solid, report.closed))
+    if (levels := level_range(shape)) is not None:
+        reasons = (
+            *reasons,
+            f"Pieces, tunnels and cavities stay the same at levels from {levels[0]:.6g} to {levels[1]:.6g}.",
+        )
     return replace(
-        report, reasons=reasons, evidence=(*report.evidence, *rows), estimate=estimate, refined=refined, solid=solid
+        report,
+        reasons=reasons,
+        evidence=(*report.evidence, *rows),
+        estimate=estimate,
+        refined=refined,
+        solid=solid,
+        level_range=levels,
     )
 
 

@@ -28,6 +28,7 @@ from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
 from topokit.shape import estimates, facts, outputs
 from topokit.shape.details import with_details
+from topokit.shape.levels import euler_curve
 from topokit.shape.locate import with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
 from topokit.shape.surface import boundary_of, closed_surface
@@ -202,7 +203,8 @@ class Shape:
 
         Args:
             details: whether to compute what the integer does not need, too: the curvature estimate χ⁽⁰⁾ of a counted
-                shape, the self-optimized χ⁽ᴷ⁾, and the solid that a mesh encloses by winding number.
+                shape, the self-optimized χ⁽ᴷ⁾, the solid that a mesh encloses by winding number, and at which
+                levels the answer of a gray volume or a function stays (`level_range`).
             locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
 
         Raises:
@@ -360,6 +362,7 @@ class Shape:
     show = plot = outputs.show
     _repr_html_ = outputs.notebook_html
 
+    euler_curve = euler_curve
     curvature = estimates.curvature
     euler = estimates.euler
     gauss_bonnet = estimates.gauss_bonnet

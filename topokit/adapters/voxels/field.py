@@ -40,6 +40,10 @@ class VoxelField(Field):
         """See `Field.values`; NaN becomes −∞, which is background whatever the level."""
         return self._field_of(self.volume)
 
+    def gray_values(self) -> tuple[Tensor, float]:
+        """See `Field.gray_values`: the volume as it is, or 1 where a label is and 0 elsewhere."""
+        return (self.is_inside(self.volume), 0.0) if self.labels else (self.volume.detach(), self.level)
+
     def values_at(self, vertices: Tensor) -> Tensor:
         """See `Field.values_at`."""
         x, y, z = vertices.unbind(1)

@@ -32,12 +32,14 @@ class Field(ABC):
         grid: its geometry.
         connectivity: 6 or 26, that of the solid; the background has the other one.
         is_costly: whether values are computed when they are asked for, so that a few are much cheaper than all.
+        is_binary: whether the values say no more than what is inside.
 
     Raises:
         InputError: for another connectivity.
     """
 
     is_costly = False
+    is_binary = False
 
     def __init__(self, grid: Grid, connectivity: int) -> None:
         self.grid = grid
@@ -56,6 +58,10 @@ class Field(ABC):
         """The values without a graph."""
         with torch.no_grad():
             return self.values().detach()
+
+    def gray_values(self) -> tuple[Tensor, float]:
+        """The field (X, Y, Z) in its own units without a graph, and its level in these."""
+        return self.detached(), 0.0
 
     def values_at(self, vertices: Tensor) -> Tensor:
         """The values at grid vertices (M, 3) int64, as (M,); differentiable as `values` is."""

@@ -8,7 +8,6 @@ from .adapters.voxels.adapter import from_voxels
 from .adapters.voxels.labels import from_labels
 from .batch.distribution import SurveySummary, TopologyDistance
 from .batch.survey import Survey, survey
-from .core.blocks.curve import EulerCurve
 from .core.components import SurfaceComponent
 from .core.handles.handle import Handle
 from .core.local.curvature import Curvature, CurvatureSettings
@@ -48,7 +47,6 @@ __all__ = [
     "CurvatureSettings",
     "Defect",
     "EnclosedSolid",
-    "EulerCurve",
     "EulerLoss",
     "Evidence",
     "GaussianSplats",

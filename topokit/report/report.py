@@ -10,6 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
+from topokit.core.grid.boxes import PeriodicSolid
 from topokit.core.grid.placement import Placement
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.errors import GenusError, InputError
@@ -60,6 +61,9 @@ class CountedAnswer:
         n_deciding: how many of the first reasons decided the verdict.
         manifold: whether no edge has three faces and no vertex two fans, or None if that is unknown.
         placement: of the voxels of a volume, else None.
+        cut_out_euler: as for `TopologyReport`.
+        connectivity_density: likewise.
+        torus: of a volume that is periodic, what its components do not tell.
     """
 
     evidence: Evidence
@@ -73,6 +77,9 @@ class CountedAnswer:
     n_deciding: int = 1
     manifold: bool | None = None
     placement: Placement | None = None
+    cut_out_euler: float | None = None
+    connectivity_density: float | None = None
+    torus: PeriodicSolid | None = None
 
 
 @dataclass(frozen=True)
@@ -108,6 +115,9 @@ class TopologyReport:
         placement: where the voxels of a volume are, else None. Reports of volumes speak of the solid first.
         level_range: levels at which pieces, tunnels and cavities of a field stay as reported, from the first value up
             to the second; None if it was not computed, or there are no levels.
+        cut_out_euler: Δχ, what a volume that was cut from a larger body contributes to χ of that solid, in eighths;
+            None unless it was opened with `edges="cut-out"`.
+        connectivity_density: (1 − Δχ) / V for a volume V between the centers of its end layers, likewise.
     """
 
     name: str
@@ -132,6 +142,8 @@ class TopologyReport:
     location: Location | None = None
     placement: Placement | None = None
     level_range: tuple[float, float] | None = None
+    cut_out_euler: float | None = None
+    connectivity_density: float | None = None
 
     @property
     def pieces(self) -> int | None:
@@ -145,8 +157,8 @@ class TopologyReport:
 
     @property
     def solid_euler(self) -> int | None:
-        """Euler characteristic of that solid, pieces − tunnels + cavities, or None if unknown."""
-        return None if self.solid_betti is None else self.solid_betti[0] - self.solid_betti[1] + self.solid_betti[2]
+        """Euler characteristic of that solid, half of that of its surface, or None if unknown."""
+        return None if self.solid_betti is None or self.euler is None else self.euler // 2
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
@@ -198,17 +210,20 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         notes: sentences about what was found or changed while opening it.
         counted: the answer.
     """
-    components, closed = counted.components, counted.closed
+    components, closed, torus = counted.components, counted.closed, counted.torus
+    n_components, solid = len(components), components.solid_betti if closed else None
     deciding, others = counted.reasons[: counted.n_deciding], counted.reasons[counted.n_deciding :]
     genus = components.genus
+    if torus is not None:
+        n_components, solid, genus = torus.n_surfaces, torus.betti, torus.genus
     return TopologyReport(
         name=name,
         euler=counted.evidence.integer,
         genus=genus,
-        components=len(components),
-        cavities=components.cavities if closed else None,
-        surface_betti=(len(components), 2 * genus, len(components)) if closed and genus is not None else None,
-        solid_betti=components.solid_betti if closed else None,
+        components=n_components,
+        cavities=(components.cavities if torus is None else torus.betti[2]) if closed else None,
+        surface_betti=(n_components, 2 * genus, n_components) if closed and genus is not None else None,
+        solid_betti=solid,
         boundary_loops=counted.boundary_loops,
         closed=closed,
         verdict=counted.verdict,
@@ -222,6 +237,8 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         n_deciding=len(deciding),
         confidence=1.0 if counted.verdict == "certain" else None,
         placement=counted.placement,
+        cut_out_euler=counted.cut_out_euler,
+        connectivity_density=counted.connectivity_density,
     )
 
 

@@ -14,6 +14,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from topokit.adapters.voxels.box import Box, Edges, cut_out_answer, periodic_shape
 from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES, VOXELS
 from topokit.adapters.voxels.field import Labels, VoxelField, listed
@@ -26,6 +27,7 @@ from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
+from topokit.core.grid.boxes import Periodic
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Spacing
 from topokit.core.grid.placement import Index, Placement
@@ -56,6 +58,8 @@ def from_voxels(
     dataset: str | None = None,
     block_voxels: int | None = None,
     client: Any = None,
+    periodic: bool | Periodic = False,
+    edges: Edges = "solid",
 ) -> Shape:
     """The surface of the solid {volume > level}, or of the voxels with some label, with its exact topology.
 
@@ -92,12 +96,18 @@ def from_voxels(
         block_voxels: count block by block, whatever the volume's size, with at most so many voxels in a block; but a
             block has at least one chunk of the storage. By default 2²⁴.
         client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one.
+        periodic: along which axes the last layer touches the first, as in a cell of a lattice; one for all or three.
+            Pieces, tunnels, cavities and the genus of the surface are then those in the torus, where a loop around the
+            box is a tunnel and a sheet across it adds a cavity. The shape has a report, but no samples.
+        edges: "solid" closes the solid where the volume ends. "cut-out" takes the volume for a box cut out of a larger
+            body: the report has its contribution Δχ to χ of that body, `cut_out_euler`, and `connectivity_density`.
+            Boxes that share their end layers, `volume[:65]` and `volume[64:]`, add up to the whole.
 
     Raises:
         ReadError: if the file is missing or malformed.
         MissingDependencyError: if the file's reader is not installed.
         InputError: on wrong shapes, types, spacing, origin, level, label or connectivity, if a level is needed, or if
-            no voxel is inside.
+            no voxel is inside; if a volume that is periodic or cut out is to be counted block by block.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -112,14 +122,18 @@ def from_voxels(
     labels = _as_labels(label)
     _check_choice(level, labels)
     positions = None if starts is None else as_positions(starts, "starts")
+    box = Box.of(periodic, edges)
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+        if box != Box():
+            raise InputError("volumes that are counted block by block can be neither periodic nor cut out.")
         place = placed(blocks.volume.placement, spacing, origin)
         return shape_in_blocks(
             blocks, place, place.grid(blocks.volume.shape), Solid(level, labels, connectivity), n_neighbors
         )
     name, values, found = open_volume(volume, dataset)
     sampling = Sampling(n_samples, deferred_seed(generator), positions, n_neighbors)
-    return shape_in_memory(name, values, placed(found, spacing, origin), Solid(level, labels, connectivity), sampling)
+    place, solid = placed(found, spacing, origin), Solid(level, labels, connectivity)
+    return shape_in_memory(name, values, place, solid, sampling, box=box)
 
 
 class Sampling(NamedTuple):
@@ -132,7 +146,13 @@ class Sampling(NamedTuple):
 
 
 def shape_in_memory(
-    name: str, values: Tensor, placement: Placement, solid: Solid, sampling: Sampling, first: Index = (0, 0, 0)
+    name: str,
+    values: Tensor,
+    placement: Placement,
+    solid: Solid,
+    sampling: Sampling,
+    first: Index = (0, 0, 0),
+    box: Box | None = None,
 ) -> Shape:
     """The shape of a volume in memory, or of a box of it.
 
@@ -143,7 +163,9 @@ def shape_in_memory(
         solid: what is inside.
         sampling: how to sample it.
         first: index in the whole volume of the first of the values.
+        box: what there is at its ends; background if None.
     """
+    box = Box() if box is None else box
     grid = placement.grid(values.shape, first)
     seen = solid.seen(values)
     notes = solid.check(seen)
@@ -152,9 +174,11 @@ def shape_in_memory(
         level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
     field = VoxelField(values, level, solid.labels, grid, solid.connectivity)
     n_samples, seed, starts, n_neighbors = sampling
+    if box.is_periodic:
+        return periodic_shape(name, field, placement, box, notes)
     return Shape(
         lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), starts),
-        lambda: _count(field, placement),
+        lambda: _count(field, placement, box),
         surface=field.surface,
         field=field,
         name=name,
@@ -163,10 +187,11 @@ def shape_in_memory(
     )
 
 
-def _count(field: VoxelField, placement: Placement) -> CountedAnswer:
+def _count(field: VoxelField, placement: Placement, box: Box) -> CountedAnswer:
     started = time.perf_counter()
     counted = count_solid(field.volume, field.is_inside, field.connectivity, field.grid)
-    return volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
+    answer = volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
+    return cut_out_answer(answer, field) if box.edges == "cut-out" else answer
 
 
 def open_volume(

@@ -1,0 +1,117 @@
+"""Boxes whose ends are no ends: Betti numbers on the torus as gudhi finds them, and contributions that add up."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+from numpy import cos, sin
+from typer.testing import CliRunner
+
+import topokit as tk
+from topokit.cli.app import app
+from topokit.core.grid.boxes import count_periodic, cut_out_euler
+from topokit.core.grid.euler import solid_euler
+from topokit.errors import InputError, NoSamplesError
+
+SURFACES = {  # level sets of period 2π; how many primitive cells of genus 3 are in the cube
+    "P": (lambda x, y, z: cos(x) + cos(y) + cos(z), 1),
+    "G": (lambda x, y, z: sin(x) * cos(y) + sin(y) * cos(z) + sin(z) * cos(x), 2),
+    "D": (lambda x, y, z: cos(x) * cos(y) * cos(z) - sin(x) * sin(y) * sin(z), 4),
+}
+
+
+def cells(name: str, n_voxels: int, n_cells: int) -> np.ndarray:
+    axis = (np.arange(n_cells * n_voxels) + 0.5) * 2 * np.pi / n_voxels
+    return SURFACES[name][0](*np.meshgrid(axis, axis, axis, indexing="ij")) > 0.011
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_betti_numbers_on_the_torus_are_those_of_gudhi(connectivity: int) -> None:
+    gudhi = pytest.importorskip("gudhi", reason="gudhi is not installed; make test installs it")
+    random = np.random.default_rng(0)
+    cells = "vertices" if connectivity == 6 else "top_dimensional_cells"
+    for _ in range(100):
+        inside = random.random(random.integers(3, 7, 3)) < random.choice((0.2, 0.5, 0.8, 0.95))
+        periodic = tuple(bool(axis) for axis in random.integers(0, 2, 3))
+        padded = np.pad(np.where(inside, -1.0, 1.0), [(0 if axis else 1,) * 2 for axis in periodic], constant_values=1)
+        complex_ = gudhi.PeriodicCubicalComplex(**{cells: padded}, periodic_dimensions=list(periodic))
+        complex_.compute_persistence(min_persistence=-1)
+        found = count_periodic(inside, connectivity, periodic)
+        betti = tuple(complex_.persistent_betti_numbers(0, 0))
+        assert found.betti == betti[:3]
+        assert found.euler == betti[0] - betti[1] + betti[2] - betti[3]
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+@pytest.mark.parametrize("name", SURFACES)
+def test_minimal_surfaces_have_genus_three_in_each_primitive_cell(name: str, connectivity: int) -> None:
+    n_primitive = SURFACES[name][1]
+    for n_cells in (1, 2, 3):
+        found = count_periodic(cells(name, 16, n_cells), connectivity, (True, True, True))
+        assert 2 * found.euler == -4 * n_primitive * n_cells**3  # χ of a surface of genus 3 is −4
+        assert (found.betti[0], found.betti[2], found.n_surfaces) == (1, 0, 1)
+
+
+def test_slabs_bars_and_full_boxes_wind_around() -> None:
+    slab, bar = np.zeros((2, 4, 4, 4), bool)
+    slab[1], bar[1, 1] = True, True
+    for inside, betti, n_surfaces in ((slab, (1, 2, 1), 2), (bar, (1, 1, 0), 1), (~bar, (1, 3, 2), 1)):
+        found = count_periodic(inside, 26, (True, True, True))
+        assert (found.betti, found.euler, found.n_surfaces) == (betti, 1 - betti[1] + betti[2], n_surfaces)
+    full = count_periodic(np.ones((3, 3, 3), bool), 26, (True, True, True))
+    assert (full.betti, full.euler, full.n_surfaces) == ((1, 3, 3), 0, 0)
+    assert count_periodic(slab, 26, (False, True, True)).n_surfaces == 2
+    assert count_periodic(~slab, 26, (False, False, False)).betti == (2, 0, 0)
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_contributions_of_blocks_add_up_to_the_whole(connectivity: int) -> None:
+    random = np.random.default_rng(1)
+    for share in (0.1, 0.3, 0.6):
+        whole = random.random((25, 25, 25)) < share
+        for n_blocks in (2, 3, 4):
+            side = 24 // n_blocks
+            starts = product(range(0, 24, side), repeat=3)
+            blocks = (whole[tuple(slice(start, start + side + 1) for start in place)] for place in starts)
+            assert sum(cut_out_euler(block, connectivity) for block in blocks) == cut_out_euler(whole, connectivity)
+        closed = np.pad(whole, 1)
+        assert cut_out_euler(closed, connectivity) == int(solid_euler(torch.from_numpy(closed), 0, connectivity))
+
+
+def test_reports_speak_of_the_torus_and_of_the_larger_body() -> None:
+    lattice = cells("P", 16, 1)
+    shape = tk.from_voxels(lattice, periodic=True)
+    report = shape.report()
+    assert (shape.genus(), report.components, report.solid_betti, report.solid_euler) == (3, 1, (1, 3, 0), -2)
+    assert str(report).startswith(
+        "voxels: 1 piece, 3 tunnels, 0 cavities (χ of the solid -2, of its surface -4), certain"
+    )
+    with pytest.raises(NoSamplesError, match="periodic"):
+        _ = shape.samples
+    assert tk.from_voxels(lattice, periodic=(False, True, False)).report().euler % 2 == 0
+    twice = np.pad(np.tile(lattice, (2, 2, 2)), [(0, 1)] * 3, mode="wrap")
+    report = tk.from_voxels(twice, edges="cut-out", spacing=0.5).report()
+    assert report.cut_out_euler == -2 * 8
+    assert report.connectivity_density == (1 + 16) / 16**3
+    assert "cut from a larger body" in str(report)
+
+
+def test_boxes_that_are_none_are_refused() -> None:
+    inside = np.ones((4, 4, 4), bool)
+    wrong = ({"periodic": (True, True)}, {"edges": "open"}, {"periodic": True, "edges": "cut-out"})
+    for options in (*wrong, {"periodic": True, "block_voxels": 8}):
+        with pytest.raises(InputError):
+            tk.from_voxels(inside, **options)
+    with pytest.raises(InputError, match="two layers"):
+        tk.from_voxels(inside[:1], edges="cut-out").report()
+
+
+def test_the_shell_takes_boxes(tmp_path: object) -> None:
+    np.save(f"{tmp_path}/p.npy", cells("P", 16, 1))
+    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "-O", "periodic=true"])
+    assert "3 tunnels" in found.stdout, found.stderr
+    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "-O", "edges=cut-out"])
+    assert "larger body" in found.stdout, found.stderr

@@ -1,0 +1,100 @@
+"""Volumes whose ends are no ends: cells of a lattice, and boxes cut out of a larger body."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Any, Literal, NoReturn, get_args
+
+from topokit.adapters.voxels.field import VoxelField
+from topokit.core.components import CountedComponents
+from topokit.core.grid.boxes import Periodic, count_periodic, cut_out_euler
+from topokit.core.grid.euler import dual_connectivity
+from topokit.core.grid.placement import Placement
+from topokit.errors import InputError, NoSamplesError
+from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.verdict import volume_verdict
+from topokit.report.wording import plural
+from topokit.shape import Shape
+
+Edges = Literal["solid", "cut-out"]
+
+
+@dataclass(frozen=True)
+class Box:
+    """What there is at the ends of a volume.
+
+    Attributes:
+        periodic: along which axes the last layer touches the first.
+        edges: see `from_voxels`.
+    """
+
+    periodic: Periodic = (False, False, False)
+    edges: Edges = "solid"
+
+    @classmethod
+    def of(cls, periodic: Any, edges: Any) -> Box:
+        """The box of the arguments of `from_voxels`, or an `InputError`."""
+        axes = (periodic,) * 3 if isinstance(periodic, bool) else tuple(periodic)
+        if len(axes) != 3 or not all(isinstance(axis, bool) for axis in axes):
+            raise InputError(f"periodic must be True, False or three of these, got {periodic!r}.")
+        if edges not in get_args(Edges):
+            raise InputError(f'edges must be "solid" or "cut-out", got {edges!r}.')
+        if any(axes) and edges == "cut-out":
+            raise InputError("a volume is either periodic or cut out of a larger body.")
+        return cls((axes[0], axes[1], axes[2]), edges)
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether any axis is periodic."""
+        return any(self.periodic)
+
+
+def periodic_shape(name: str, field: VoxelField, placement: Placement, box: Box, notes: tuple[str, ...]) -> Shape:
+    """The shape of a volume that is periodic along some axes; it has a report only."""
+
+    def refuse() -> NoReturn:
+        raise NoSamplesError(f"{name} is periodic, so it has a report, but no samples and no surface.")
+
+    return Shape(refuse, lambda: _periodic_answer(field, placement, box), surface=refuse, name=name, notes=notes)
+
+
+def _periodic_answer(field: VoxelField, placement: Placement, box: Box) -> CountedAnswer:
+    started = time.perf_counter()
+    connectivity, inside = field.connectivity, field.is_inside(field.volume).cpu().numpy()
+    found = count_periodic(inside, connectivity, box.periodic)
+    along = " and ".join(str(axis) for axis in range(3) if box.periodic[axis])
+    reason = (
+        f"Exact with {connectivity}-connected foreground and {dual_connectivity(connectivity)}-connected background, "
+        f"periodic along axis {along}: {plural(int(inside.sum()), 'voxel')} with χ = {found.euler}, bounded by "
+        f"{plural(found.n_surfaces, 'closed surface')} of genus {found.genus} in all. Loops around the box are "
+        "tunnels, and sheets across it add cavities."
+    )
+    return CountedAnswer(
+        evidence=Evidence(
+            "count of cells in a periodic box", 2.0 * found.euler, 2 * found.euler, time.perf_counter() - started
+        ),
+        components=CountedComponents.none(),
+        closed=True,
+        boundary_loops=0,
+        verdict=volume_verdict(),
+        reasons=(reason,),
+        placement=placement,
+        torus=found,
+    )
+
+
+def cut_out_answer(answer: CountedAnswer, field: VoxelField) -> CountedAnswer:
+    """The answer with what the volume contributes to χ of the solid that it was cut from."""
+    change = cut_out_euler(field.is_inside(field.volume).cpu().numpy(), field.connectivity)
+    sides = [(n - 1) * step for n, step in zip(field.grid.shape, field.grid.spacing, strict=True)]
+    if not prod(sides):
+        raise InputError(f"a box of shape {field.grid.shape} cut from a larger body needs two layers along each axis.")
+    density = (1 - change) / prod(sides)
+    reason = (
+        f"As a box cut from a larger body it contributes Δχ = {change:g} to χ of the solid: a connectivity density of "
+        f"{density:.4g} in a cubed unit of length."
+    )
+    first, *others = answer.reasons
+    return replace(answer, reasons=(first, reason, *others), cut_out_euler=change, connectivity_density=density)

@@ -1,4 +1,4 @@
-from . import losses, testing
+from . import export, losses, pages, testing
 from .adapters.implicit.adapter import from_occupancy, from_sdf
 from .adapters.mesh.adapter import from_mesh
 from .adapters.points.adapter import from_points
@@ -69,6 +69,7 @@ __all__ = [
     "UnknownFormatError",
     "euler",
     "euler_loss",
+    "export",
     "fill_boundaries",
     "from_labels",
     "from_mesh",
@@ -81,6 +82,7 @@ __all__ = [
     "list_adapters",
     "load",
     "losses",
+    "pages",
     "refresh_adapters",
     "register_adapter",
     "report",

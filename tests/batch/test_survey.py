@@ -206,6 +206,15 @@ def test_a_survey_is_shown_in_notebooks_and_becomes_a_data_frame(folder: Path) -
     assert survey._repr_html_().count("<tr>") == 7
 
 
+def test_a_light_page_has_the_table_without_pictures(folder: Path) -> None:
+    survey = tk.survey(folder)
+    for light in (False, True):
+        survey.save_html(folder.parent / "page.html", light=light)
+        page = (folder.parent / "page.html").read_text(encoding="utf-8")
+        assert ("<img" in page, 'id="scene-' in page) == (not light, not light)
+        assert page.count('class="name"') == 6
+
+
 def test_what_is_no_path_is_refused_with_the_way_out(tmp_path: Path) -> None:
     for paths in ([tmp_path, 3], [3.0], [icosphere(1)]):
         with pytest.raises(tk.InputError, match=r"topokit\.load"):

@@ -49,3 +49,23 @@ def test_a_sphere_has_none_and_an_open_mesh_is_an_error(tmp_path: Path) -> None:
     assert (sphere.exit_code, sphere.stdout) == (0, "")
     assert opened.exit_code == 1
     assert "no closed surface" in opened.stderr
+
+
+def test_several_files_are_told_apart_and_one_that_fails_stops_nothing(torus: Path, tmp_path: Path) -> None:
+    for name in ("a.off", "b.off"):
+        (tmp_path / name).write_bytes(torus.read_bytes())
+    (tmp_path / "c.off").write_text("")
+    shown = invoke("handles", tmp_path)
+    assert shown.exit_code == 1
+    assert [Path(line.split("\t")[5]).name for line in shown.stdout.splitlines()] == ["a.off", "b.off"]
+    assert shown.stderr.count("1 handle.") == 2
+    assert "c.off is empty" in shown.stderr
+    rows = json.loads(invoke("handles", tmp_path / "a.off", tmp_path / "b.off", "--json").stdout)
+    assert [Path(row["file"]).name for row in rows] == ["a.off", "b.off"]
+    assert invoke("handles", tmp_path, "-o", tmp_path / "loops.glb").exit_code == 2
+
+
+def test_more_handles_than_the_limit_are_an_error_at_once(torus: Path) -> None:
+    shown = invoke("handles", torus, "--most", 0)
+    assert (shown.exit_code, shown.stdout) == (1, "")
+    assert "--most 1" in shown.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 import torch
 
@@ -11,7 +12,7 @@ import topokit as tk
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError, TopokitError
-from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_samples
+from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh, torus_samples
 
 
 def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
@@ -37,7 +38,7 @@ def test_nested_and_separate_parts_are_told_apart() -> None:
     report = tk.from_points(points).report()
     assert (report.euler, report.components, report.cavities, report.genus) == (4, 3, 1, 1)
     assert (report.surface_betti, report.solid_betti) == ((3, 2, 3), (2, 1, 1))
-    assert "bounding a solid of 2 components with 1 tunnel and 1 cavity" in str(report)
+    assert "bounding a solid of 2 pieces with 1 tunnel and 1 cavity" in str(report)
     by_euler = {(part.euler, part.depth) for part in report.per_component}
     assert by_euler == {(2, 0), (2, 1), (0, 0)}
     inside = next(part for part in report.per_component if part.depth == 1)
@@ -238,3 +239,25 @@ def test_a_device_that_is_not_there_is_an_error_of_ours() -> None:
     for device in ("cuda", "nonsense"):
         with pytest.raises(tk.InputError, match="cannot be moved"):
             shape.to(device)
+
+
+def test_a_report_of_points_is_four_lines_and_has_all_reasons_on_request() -> None:
+    shape = tk.from_points(torus_samples(3000).points)
+    report = shape.report()
+    assert len(report.reasons) > 4
+    short, full = str(report).splitlines(), report.text(full=True).splitlines()
+    assert (len(short), len(full)) == (4, 1 + len(report.reasons))
+    assert short[:3] == full[:3]
+    assert f"{len(report.reasons) - 2} more reasons" in short[3]
+    assert report.reasons[-1] in str(shape.report(details=True))
+
+
+def test_an_error_quotes_the_first_reason_alone() -> None:
+    vertices, faces = torus_mesh(24, 12)
+    thrice = np.concatenate((faces, [[*faces[0, :2], faces[100, 0]]]))  # an edge with three faces, and boundary
+    shape = tk.from_mesh(vertices, thrice)
+    first, second = shape.report().reasons[:2]
+    with pytest.raises(InputError, match="2 more reasons") as caught:
+        shape.surface()
+    assert first in str(caught.value)
+    assert second not in str(caught.value)

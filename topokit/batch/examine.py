@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.sources import Source
 from topokit.errors import InputError, TopokitError
@@ -77,7 +77,7 @@ class Questions:
         details: as for `Shape.report`.
         locate: as for `Shape.report`.
         with_report: whether the answers hold the reports.
-        with_page: whether the answers hold what an HTML page shows.
+        page: whether the answers hold what an HTML page shows: "full" with a 3D view, "light" without, None for none.
         client: of a Dask cluster whose workers share the file; then the questions are not sent anywhere.
     """
 
@@ -86,7 +86,7 @@ class Questions:
     details: bool = False
     locate: bool = False
     with_report: bool = False
-    with_page: bool = False
+    page: Literal["full", "light"] | None = None
     client: Any = None
 
 
@@ -140,10 +140,10 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
 def _answer(shape: Shape, questions: Questions) -> Answer:
     """What was asked for about one shape."""
     report, fragment = shape.report(details=questions.details, locate=questions.locate), None
-    if questions.with_page:
+    if questions.page is not None:
         from topokit.pages import page_of
 
-        fragment = page_of(shape, report)
+        fragment = page_of(shape, report, light=questions.page == "light")
     return Answer(report_row(report, shape), report if questions.with_report else None, fragment)
 
 

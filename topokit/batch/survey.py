@@ -117,7 +117,7 @@ class Survey:
         deque(self, maxlen=0)
         return [row for _, rows in sorted(self._rows.items()) for row in rows]
 
-    def save_html(self, path: str | os.PathLike[str], *, title: str | None = None) -> None:
+    def save_html(self, path: str | os.PathLike[str], *, title: str | None = None, light: bool = False) -> None:
         """Write a page with a table of all files and a 3D view of each; files are examined for it, known rows or not.
 
         The page calls files by their paths below the folder that they have in common.
@@ -125,13 +125,14 @@ class Survey:
         Args:
             path: file to write, called .html or .htm.
             title: heading of the page; the file's name by default.
+            light: whether to leave out pictures and 3D views, for thousands of files.
 
         Raises:
             InputError: if the file is not called .html or .htm, or its folder does not exist.
         """
         from topokit.pages import write_html
 
-        questions = replace(self._questions, with_page=True)
+        questions = replace(self._questions, page="light" if light else "full")
         with closing(examine_each(self._sources, questions, *self._workers)) as coming:
             names = names_in_common_folder(self._sources)
             ordered = in_order(coming)

@@ -44,6 +44,7 @@ def answer_files(
     output: Path | None = None,
     resume: Journal | None = None,
     html: Path | None = None,
+    light: bool = False,
     check: Callable[[Answer], Answer] = lambda answer: answer,
 ) -> None:
     """Write the answers about files and leave: exit code 1 if one of them failed or met a condition, else 0.
@@ -59,9 +60,11 @@ def answer_files(
         output: file to write to instead of standard output.
         resume: that file, of JSON lines, to add those files to that are not in it.
         html: page to write besides.
+        light: whether it has no pictures and 3D views.
         check: may turn an answer into a failure.
     """
-    questions = Questions(opener, request.chosen_labels, details, locate, with_report, with_page=html is not None)
+    page: Literal["full", "light"] | None = None if html is None else "light" if light else "full"
+    questions = Questions(opener, request.chosen_labels, details, locate, with_report, page)
     has_failed = had_failed = False
 
     def shown(

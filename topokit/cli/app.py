@@ -24,7 +24,7 @@ from topokit.cli.bundle import takes_bundles
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.options import Given, Opener, described_options
 from topokit.cli.request import Request
-from topokit.cli.single import curvature, curve, handles, picture
+from topokit.cli.single import curvature, curve, handles, picture, show_tolerances
 from topokit.cli.writers import (
     CsvWriter,
     Form,
@@ -107,13 +107,26 @@ def report(
     html: Annotated[
         Path | None, typer.Option("--html", help="Also write one HTML file with a 3D view of every shape.")
     ] = None,
+    tolerances: Annotated[
+        bool, typer.Option("--tolerances", help="Also the counts of a mesh file under several weldings and formats.")
+    ] = False,
+    light: Annotated[
+        bool, typer.Option("--light", help="With --html: no pictures and 3D views, for thousands of files.")
+    ] = False,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
+    if tolerances:
+        if forms.chosen not in (None, "text", "json") or html or output or details or locate or request.conditions:
+            raise typer.BadParameter("--tolerances goes with --text, --json and -v only.")
+        full, as_json = request.verbose, forms.chosen == "json"
+        show_tolerances(files, request.format, given.opener(), full=full, as_json=as_json)
     opener, form, labels = given.opener(), forms.chosen, request.chosen_labels
     if resume and (output is None or form != "jsonl" or html is not None or request.conditions):
         raise typer.BadParameter("--resume goes with -o and --jsonl, and without --html and --fail-on.")
     if retry_failed and not resume:
         raise typer.BadParameter("--retry-failed goes with --resume.")
+    if light and html is None:
+        raise typer.BadParameter("--light goes with --html.")
     options = plain_options(opener.adapter, opener.given, labels=labels, details=details, locate=locate)
     lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
 
@@ -133,7 +146,13 @@ def report(
         if chosen == "table":
             return TableWriter(stream, [f"{source.name}{_longest_label(labels)}" for source in found.sources])
         names = distinguishing_names(found.sources)
-        return TextWriter(stream, lambda answer: f"{_told_apart(answer, names)}\n")
+        full = request.verbose or details
+
+        def text(answer: Answer) -> str:
+            told_apart = _told_apart(answer, names)
+            return "" if told_apart is None else f"{told_apart.text(full=full)}\n"
+
+        return TextWriter(stream, text)
 
     needs_report = form not in ("csv", "table")
     answer_files(
@@ -142,11 +161,12 @@ def report(
         request,
         writer,
         details=details,
-        locate=locate or html is not None,
+        locate=locate or (html is not None and not light),
         with_report=needs_report,
         output=output,
         resume=lines if resume else None,
         html=html,
+        light=light,
     )
 
 
@@ -170,9 +190,11 @@ def _print_number(
     """One number of every report; where it is None, that is an error."""
 
     def check(answer: Answer) -> Answer:
+        from topokit.report.report import why
+
         if answer.row[name] is not None or answer.report is None:
             return answer
-        error = f"{called(answer.row)}: {missing}. {' '.join(answer.report.reasons)}"
+        error = f"{called(answer.row)}: {missing}. {why(answer.report)}"
         named = {name: answer.row[name] for name in ("file", "label")}
         return Answer(dict.fromkeys(COLUMNS) | named | {"error": error})
 
@@ -214,6 +236,20 @@ def adapters(
         rows = [{key: getattr(adapter, key) for key in shown} for adapter in list_adapters()]
         lines = [f"{one.name}\t{' '.join(one.suffixes) or '-'}\t{one.state}" for one in list_adapters()]
     typer.echo(json.dumps(rows, indent=2) if as_json else "\n".join(lines))
+
+
+@app.command()
+def mcp() -> None:
+    """A server for agents (Model Context Protocol, standard input and output): report, handles, mend, compare."""
+    from topokit.cli.agents import make_server
+    from topokit.errors import MissingDependencyError
+
+    try:
+        server = make_server()
+    except MissingDependencyError as error:
+        say(str(error))
+        raise typer.Exit(1) from error
+    server.run()
 
 
 @app.command()

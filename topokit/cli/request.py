@@ -48,7 +48,7 @@ class Request:
     ] = None
     fail_on: Annotated[list[str] | None, typer.Option(metavar="CONDITION", help=_FAIL_ON)] = None
     keep_going: Annotated[bool, typer.Option("--keep-going/--fail-fast", help="Go on after a failure, or stop.")] = True
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say more on standard error.")] = False
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="All reasons, and more on standard error.")] = False
 
     def __post_init__(self) -> None:
         _ = self.conditions, self.chosen_labels  # usage errors come first

@@ -1,20 +1,25 @@
-"""The commands about one file: its curvature, a picture of it, its handles, its topology over all levels."""
+"""The commands that open shapes one by one: curvature, a picture, handles, topology over all levels, tolerances."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from topokit.batch.names import name_as_data
+from topokit.batch.sources import Source
 from topokit.cli.answers import say
 from topokit.cli.bundle import takes_bundles
 from topokit.cli.options import Given, Opener
 from topokit.cli.request import Format, is_same, sources_of
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.writing import completed_file
+from topokit.report.progress import progress_bar
+from topokit.report.wording import plural
 from topokit.text import json_text, printable
 
 if TYPE_CHECKING:
@@ -71,33 +76,79 @@ def picture(
 
 @takes_bundles
 def handles(
-    file: Annotated[str, _SHAPE],
+    files: Annotated[list[str], typer.Argument(help="Files, folders and patterns.", metavar="FILE...")],
     given: Given,
     format: Format = None,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Loops to write as lines (.ply or .glb).")
+        Path | None, typer.Option("-o", "--output", help="Loops of one file to write as lines (.ply or .glb).")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON array with an object per handle.")] = False,
+    most: Annotated[int, typer.Option("--most", min=0, help="A file with more handles is an error.")] = 300,
 ) -> None:
-    """One line per handle, smallest first: lengths around the handle and around the tunnel, and the center (tabs)."""
+    """One line per handle, smallest first: lengths around the handle and around the tunnel, and the center (tabs).
 
-    def answer(shape: Shape) -> str:
+    Of several files, the name follows in the same line. Standard error says how many handles each file has.
+    """
+    several: list[dict[str, Any]] = []
+
+    def answer(shape: Shape, source: Source, is_single: bool) -> str:
         from topokit.export.loops import save_loops
         from topokit.report.location import Location
         from topokit.report.report import plain
         from topokit.shape.locate import located_handles
 
-        counted = shape.counted
+        genus, counted = shape.report().genus or 0, shape.counted
+        if genus > most:
+            raise InputError(
+                f"{source.path} has {genus} handles, more than {most}; locating so many takes minutes. Pass "
+                f"--most {genus}, or remove small ones first (topokit.simplify_topology)."
+            )
         found = located_handles(shape.handles(), None if counted is None else counted.placement)
+        say(f"{source.name}: {plural(len(found), 'handle')}.")
         if output is not None:
             save_loops(Location(found, (), (), ()), output)
-        rows = plain(found)
+        rows: list[dict[str, Any]] = plain(found)
+        several.extend(row if is_single else {"file": name_as_data(source.name)} | row for row in rows)
         if as_json:
-            return json_text(rows, indent=2)
+            return ""
         numbers = ((row["handle_length"], row["tunnel_length"], *row["center"]) for row in rows)
-        return "\n".join("\t".join(f"{number:.6g}" for number in line) for line in numbers)
+        name = [] if is_single else [printable(source.name)]
+        return "\n".join("\t".join([*(f"{number:.6g}" for number in line), *name]) for line in numbers)
 
-    _ask(file, format, given.opener(), answer, output)
+    failed = _ask(files, format, given.opener(), answer, output, several=output is None)
+    if as_json:
+        typer.echo(json_text(several, indent=2))
+    raise typer.Exit(int(failed))
+
+
+def show_tolerances(files: list[str], format: str | None, opener: Opener, *, full: bool, as_json: bool) -> None:
+    """Print the report of each mesh file, and its counts with vertices merged in several ways."""
+    records: list[dict[str, Any]] = []
+
+    def answer(shape: Shape, source: Source, is_single: bool) -> str:
+        from topokit.report.report import plain
+        from topokit.tolerances import tolerances
+
+        if shape.mesh is None or isinstance(source.path, str):
+            raise InputError(f"{source.path}: --tolerances is for meshes in files.")
+        rows = [plain(row) for row in tolerances(source.path)]
+        records.append({"file": name_as_data(source.name), "tolerances": rows})
+        if as_json:
+            return ""
+        titles = [name.replace("_", " ").replace("nonmanifold", "non-manifold") for name in rows[0]]
+        lines = [titles, *([_cell(value) for value in row.values()] for row in rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        table = ["  ".join(text.ljust(width) for text, width in zip(line, widths, strict=True)) for line in lines]
+        return "\n".join([shape.report().text(full=full), "", *(f"  {line.rstrip()}" for line in table), ""])
+
+    failed = _ask(files, format, opener, answer, several=True)
+    if as_json:
+        typer.echo(json_text(records, indent=2))
+    raise typer.Exit(int(failed))
+
+
+def _cell(value: object) -> str:
+    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else "–" if value is None else str(value)
 
 
 @takes_bundles
@@ -114,7 +165,7 @@ def curve(
     """Which threshold: one line per level with χ of the solid, pieces, tunnels and cavities (tabs)."""
     opener = given.opener()
 
-    def answer(shape: Shape) -> str:
+    def answer(shape: Shape, *_: object) -> str:
         whole = shape.euler_curve()
         if output is not None:
             from topokit.export.plot import save_plot
@@ -127,7 +178,8 @@ def curve(
         lines = (f"{level:.8g}\t" + "\t".join(map(str, numbers)) for level, *numbers in rows)
         return "\n".join(("level\teuler\tpieces\ttunnels\tcavities", *lines))
 
-    _ask(file, format, replace(opener, needs_level=False), answer, output)
+    if _ask([file], format, replace(opener, needs_level=False), answer, output):
+        raise typer.Exit(1)
 
 
 def _convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:
@@ -140,33 +192,49 @@ def _convert(file: str, output: Path, format: str | None, opener: Opener, write:
         opener: opens the file.
         write: writes the output, and returns what to say about it.
     """
-    _ask(file, format, opener, lambda shape: f"{printable(str(output))}: {write(shape)}", output)
+    if _ask([file], format, opener, lambda shape, *_: f"{printable(str(output))}: {write(shape)}", output):
+        raise typer.Exit(1)
 
 
 def _ask(
-    file: str, format: str | None, opener: Opener, answer: Callable[[Shape], str], output: Path | None = None
-) -> None:
-    """Open a file and print what is found out about its shape; exit code 1 if that fails.
+    files: list[str],
+    format: str | None,
+    opener: Opener,
+    answer: Callable[[Shape, Source, bool], str],
+    output: Path | None = None,
+    *,
+    several: bool = False,
+) -> bool:
+    """Open files and print what is found out about their shapes; whether that failed for one of them.
 
     Args:
-        file: to read; - is standard input.
+        files: to read; - is standard input.
         format: of standard input.
-        opener: opens the file.
-        answer: what to print about the shape; nothing if it is empty.
+        opener: opens the files.
+        answer: what to print about a shape, given its source and whether it is the only one; nothing if it is empty.
         output: file that will be written, which must be another one, or None.
+        several: whether there may be several files.
     """
-    with sources_of([file], format, opener.adapter) as found:
-        if len(found.sources) != 1:
-            raise typer.BadParameter(f"{file} stands for {len(found.sources)} files; give one.")
-        source = found.sources[0]
-        try:
-            if output is not None and is_same(output, source):
-                raise InputError(f"{output} is the file to read; name another one to write.")
-            if source.problem is not None:
-                raise InputError(source.problem)
-            if text := answer(opener.open(source.path)):
-                typer.echo(text)
-        except TopokitError as error:
-            error.rename(str(source.path), source.name)
-            say(opener.worded(error))
-            raise typer.Exit(1) from error
+    failed = False
+    with sources_of(files, format, opener.adapter) as found:
+        is_single = len(found.sources) == 1
+        if not is_single and not several:
+            raise typer.BadParameter(f"{', '.join(files)} stands for {len(found.sources)} files; give one.")
+        names = [] if is_single or not sys.stderr.isatty() else [source.name for source in found.sources]
+        with progress_bar(names, patience=0) as bar:
+            for source in bar.counting(found.sources):
+                try:
+                    if output is not None and is_same(output, source):
+                        raise InputError(f"{output} is the file to read; name another one to write.")
+                    if source.problem is not None:
+                        raise InputError(source.problem)
+                    text, problem = answer(opener.open(source.path), source, is_single), None
+                except TopokitError as error:
+                    error.rename(str(source.path), source.name)
+                    text, problem, failed = "", opener.worded(error), True
+                with bar.hidden():
+                    if text:
+                        typer.echo(text)
+                    if problem is not None:
+                        say(problem)
+    return failed

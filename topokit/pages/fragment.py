@@ -49,23 +49,30 @@ class Fragment:
 
 
 def page_of(
-    shape: Shape, report: TopologyReport, *, max_faces: int = MAX_FACES, max_points: int = MAX_POINTS
+    shape: Shape,
+    report: TopologyReport,
+    *,
+    light: bool = False,
+    max_faces: int = MAX_FACES,
+    max_points: int = MAX_POINTS,
 ) -> Fragment:
     """The part of a page that shows one shape.
 
     Args:
         shape: a `topokit.Shape`.
         report: its report; what `report(locate=True)` has located is drawn and listed.
+        light: whether to leave out the picture and the 3D view, which take most of the time.
         max_faces: a surface with more triangles is simplified for the view, which the page says.
         max_points: of more points, these many are shown.
     """
     marks = marks_of(report.location)
-    scene, problem = None, None
-    try:
-        scene = scene_of(shape, marks, max_faces=max_faces, max_points=max_points)
-    except TopokitError as error:
-        problem = f"There is no view of this shape: {error}"
-    note = problem if scene is None else scene.note
+    scene, note = None, "This is a light page, without pictures and 3D views." if light else None
+    if not light:
+        try:
+            scene = scene_of(shape, marks, max_faces=max_faces, max_points=max_points)
+            note = scene.note
+        except TopokitError as error:
+            note = f"There is no view of this shape: {error}"
     return Fragment(
         facts=_facts(report),
         details=_details(report, marks, note),

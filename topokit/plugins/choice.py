@@ -153,9 +153,9 @@ def _unknown_file(adapters: Sequence[Adapter], path: Path) -> UnknownFormatError
 def _unknown_object(adapters: Sequence[Adapter], source: object) -> InputError:
     known = ", ".join(sorted({name for adapter in adapters for name in adapter.types}))
     return InputError(
-        f"load got {_name(source)}; expected a path, or an object of {known}. {_not_installed(adapters)}For "
-        "arrays and tensors use topokit.from_points, from_mesh or from_voxels, for functions and networks "
-        f"topokit.from_sdf or from_occupancy. {_HOW}"
+        f"load got {_name(source)}, which is no path. For arrays and tensors use topokit.from_points, from_mesh or "
+        "from_voxels, for functions and networks topokit.from_sdf or from_occupancy. "
+        f"Objects that load takes: {known}. {_not_installed(adapters)}{_HOW}"
     )
 
 

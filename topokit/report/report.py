@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 Betti = tuple[int, int, int]
 
+_MOST_REASONS = 5  # that a short text gives all of
 _MOST_COMPONENTS = 50  # rows of the table in HTML; a scan can have thousands of components
 
 
@@ -184,13 +185,31 @@ class TopologyReport:
             parts.append(f"bounding a solid of {pieces} with {tunnels} and {cavities}")
         return ", ".join(parts)
 
+    @property
+    def _has_details(self) -> bool:
+        """Whether it was asked for with details."""
+        return not (self.refined is None and self.solid is None and self.level_range is None)
+
+    def text(self, *, full: bool = False) -> str:
+        """The report as people read it: the answer, its reasons and, if they were looked for, places.
+
+        Args:
+            full: whether to give all reasons. Otherwise more than five are shortened to the two that come first, or
+                three if the verdict is "unsure"; `str(report)` does so. Details that were asked for are always given.
+        """
+        n_shown = n_reasons = len(self.reasons)
+        if not (full or self._has_details) and n_reasons > _MOST_REASONS:
+            n_shown = 3 if self.verdict == "unsure" else 2
+        lines = [f"{self.name}: {self._headline()}"]
+        lines += [f"  {'*' if number < self.n_deciding else '-'} {self.reasons[number]}" for number in range(n_shown)]
+        if n_shown < n_reasons:
+            more = plural(n_reasons - n_shown, "more reason")
+            lines.append(f"  … {more}: report.text(full=True), or topokit report -v")
+        lines += [f"  - {place}" for place in (() if self.location is None else self.location.lines())]
+        return "\n".join(map(printable, lines))
+
     def __str__(self) -> str:
-        marks = ("*" if number < self.n_deciding else "-" for number in range(len(self.reasons)))
-        lines = (f"  {mark} {reason}" for mark, reason in zip(marks, self.reasons, strict=True))
-        places = () if self.location is None else self.location.lines()
-        return "\n".join(
-            map(printable, [f"{self.name}: {self._headline()}", *lines, *(f"  - {place}" for place in places)])
-        )
+        return self.text()
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -253,8 +272,11 @@ def plain(value: Any) -> Any:
 
 
 def why(report: TopologyReport) -> str:
-    """The reasons that decided the verdict, as one text."""
-    return " ".join(report.reasons[: report.n_deciding]) or "Nothing is known about it."
+    """The first of the reasons that decided the verdict, and where the others are."""
+    if report.n_deciding == 0:
+        return "Nothing is known about it."
+    more = f" report() has {plural(report.n_deciding - 1, 'more reason')}." if report.n_deciding > 1 else ""
+    return f"{report.reasons[0]}{more}"
 
 
 def known_euler(report: TopologyReport) -> int:

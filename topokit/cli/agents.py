@@ -1,0 +1,156 @@
+"""`topokit mcp`: a server of the Model Context Protocol, by which agents ask about shapes in files and mend meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from topokit.batch.examine import report_row
+from topokit.errors import InputError, MissingDependencyError, TopokitError
+from topokit.inputs.writing import completed_file
+from topokit.plugins.registry import load
+
+if TYPE_CHECKING:
+    from mcp.server.mcpserver import MCPServer
+
+    from topokit.shape import Shape
+
+Tool = TypeVar("Tool", bound=Callable[..., Any])
+
+_WRITTEN = (".stl", ".ply", ".obj", ".off", ".glb")
+_INSTRUCTIONS = (
+    "Topology of 3D shapes in files: meshes, point clouds, volumes and Gaussian splats. Every answer has a verdict: "
+    "certain (proven by counting), likely (independent methods agree) or unsure (read the reasons before you act)."
+)
+
+
+def make_server() -> MCPServer:
+    """The server with its tools.
+
+    Raises:
+        MissingDependencyError: if mcp is not installed.
+    """
+    try:
+        from mcp.server.mcpserver import MCPServer
+    except ImportError as error:
+        raise MissingDependencyError('topokit mcp needs mcp: pip install "topokit[mcp]".') from error
+    from topokit import __version__
+
+    server: MCPServer = MCPServer("topokit", instructions=_INSTRUCTIONS, version=__version__, log_level="WARNING")
+    for tool in (report, handles, mend, compare):
+        server.tool()(_with_messages(tool))
+    return server
+
+
+def _with_messages(tool: Tool) -> Tool:
+    """The tool with errors whose messages reach the client; of any other exception only its own log has the message."""
+    from mcp.server.mcpserver.exceptions import ToolError
+
+    @wraps(tool)
+    def told(*arguments: Any, **options: Any) -> Any:
+        try:
+            return tool(*arguments, **options)
+        except TopokitError as error:
+            raise ToolError(str(error)) from error
+
+    return told  # type: ignore[return-value]
+
+
+def report(
+    path: str, level: float | None = None, label: int | None = None, locate: bool = False, details: bool = False
+) -> dict[str, Any]:
+    """Euler characteristic, genus, components, tunnels, cavities, closedness and verdict of the shape in a file.
+
+    Args:
+        path: of a mesh, point cloud, volume or splat scene.
+        level: of a gray volume: the value on the surface.
+        label: of a label volume: the voxels with it are the solid.
+        locate: also where handles, boundaries and defects are; takes longer.
+        details: also estimates from curvature, and the solid that a mesh encloses; takes longer.
+
+    Returns:
+        The numbers, all reasons of the verdict, and the report as text.
+    """
+    shape = _opened(path, level, label)
+    found = shape.report(locate=locate, details=details)
+    return _numbers(shape, found) | {"reasons": list(found.reasons), "text": found.text(full=True)}
+
+
+def handles(path: str, level: float | None = None, label: int | None = None, most: int = 300) -> list[dict[str, Any]]:
+    """Where the handles and tunnels of a closed shape are, smallest first.
+
+    Args:
+        path: as for report.
+        level: as for report.
+        label: as for report.
+        most: a shape with more handles is an error, since locating them takes minutes.
+
+    Returns:
+        For each handle the lengths of the loops around it and around its tunnel, its center and its bounding box, in
+        units of the file.
+    """
+    shape = _opened(path, level, label)
+    if (genus := shape.report().genus or 0) > most:
+        raise InputError(f"{path} has {genus} handles, more than {most}: pass a larger `most`.")
+    names = ("handle_length", "tunnel_length", "center", "bounds")
+    return [{name: getattr(one, name) for name in names} for one in shape.handles()]
+
+
+def mend(path: str, output: str, fill: bool = True, below: float | None = None) -> dict[str, Any]:
+    """Write a mesh without boundary and without small handles; what is written has been counted.
+
+    Args:
+        path: of a mesh.
+        output: file to write, which must not exist: .stl, .ply, .obj, .off or .glb.
+        fill: whether to close every boundary loop by a fan of triangles.
+        below: remove all handles of which one loop is shorter than this, in units of the file; None keeps all.
+
+    Returns:
+        The numbers before and after, and the file.
+    """
+    target = Path(output)
+    if target.suffix.lower() not in _WRITTEN or target.exists() or not target.parent.is_dir():
+        raise InputError(f"{output}: a new file called {', '.join(_WRITTEN)} in a folder that exists was expected.")
+    before = after = _opened(path)
+    if fill and not before.is_closed:
+        after = load(after.fill_boundaries())
+    if below is not None:
+        after = load(after.simplify_topology(below=below))
+    with completed_file(target) as unfinished:
+        after.to_trimesh().export(unfinished, file_type=target.suffix[1:].lower())
+    return {"before": _numbers(before), "after": _numbers(after), "file": str(target)}
+
+
+def compare(path: str, other: str, level: float | None = None, label: int | None = None) -> dict[str, Any]:
+    """Whether two shapes have the same topology, and in which numbers they differ.
+
+    Args:
+        path: of the first shape.
+        other: of the second.
+        level: of both, as for report.
+        label: of both, as for report.
+
+    Returns:
+        Both sets of numbers, and the names of those that differ.
+    """
+    first, second = (_numbers(_opened(one, level, label)) for one in (path, other))
+    judged = ("verdict", "confidence")
+    differing = [name for name in first if name not in judged and first[name] != second[name]]
+    return {"same": not differing, "differing": differing, "first": first, "second": second}
+
+
+_NUMBERS = ("verdict", "confidence", "euler", "genus", "components", "pieces", "tunnels", "cavities")
+_NUMBERS += ("solid_euler", "boundary_loops", "closed", "manifold")
+
+
+def _numbers(shape: Shape, found: Any = None) -> dict[str, Any]:
+    row = report_row(found or shape.report(), shape)
+    return {name: row[name] for name in _NUMBERS}
+
+
+def _opened(path: str, level: float | None = None, label: int | None = None) -> Shape:
+    """The shape in a file. No adapter can be named, so no network, which is a program, is opened for an agent."""
+    options = {name: value for name, value in (("level", level), ("label", label)) if value is not None}
+    return load(path, **options)

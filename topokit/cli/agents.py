@@ -141,8 +141,10 @@ def compare(path: str, other: str, level: float | None = None, label: int | None
     return {"same": not differing, "differing": differing, "first": first, "second": second}
 
 
-_NUMBERS = ("verdict", "confidence", "euler", "genus", "components", "pieces", "tunnels", "cavities")
-_NUMBERS += ("solid_euler", "boundary_loops", "closed", "manifold")
+_NUMBERS = (
+    *("verdict", "confidence", "euler", "genus", "components", "pieces", "tunnels", "cavities"),
+    *("solid_euler", "boundary_loops", "closed", "manifold"),
+)
 
 
 def _numbers(shape: Shape, found: Any = None) -> dict[str, Any]:
@@ -152,5 +154,5 @@ def _numbers(shape: Shape, found: Any = None) -> dict[str, Any]:
 
 def _opened(path: str, level: float | None = None, label: int | None = None) -> Shape:
     """The shape in a file. No adapter can be named, so no network, which is a program, is opened for an agent."""
-    options = {name: value for name, value in (("level", level), ("label", label)) if value is not None}
+    options: dict[str, Any] = {name: value for name, value in (("level", level), ("label", label)) if value is not None}
     return load(path, **options)

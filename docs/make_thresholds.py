@@ -19,6 +19,7 @@ RULES: tuple[tuple[str, Callable[..., object]], ...] = (
     ("meshes", verdict.mesh_verdict),
     ("volumes", verdict.volume_verdict),
     ("functions and networks", verdict.function_verdict),
+    ("functions and networks, proven", verdict.proof_verdict),
     ("points and splats", verdict.cloud_verdict),
 )
 CORE = Path(inspect.getfile(verdict)).parents[1] / "core"

@@ -76,6 +76,7 @@ class Questions:
         labels: of a labeled volume, "all" or some; None examines every file as one shape.
         details: as for `Shape.report`.
         locate: as for `Shape.report`.
+        certify: as for `Shape.report`.
         with_report: whether the answers hold the reports.
         page: whether the answers hold what an HTML page shows: "full" with a 3D view, "light" without, None for none.
         client: of a Dask cluster whose workers share the file; then the questions are not sent anywhere.
@@ -85,9 +86,15 @@ class Questions:
     labels: Any = None
     details: bool = False
     locate: bool = False
+    certify: bool = False
     with_report: bool = False
     page: Literal["full", "light"] | None = None
     client: Any = None
+
+    @property
+    def asked(self) -> dict[str, bool]:
+        """The keywords of `Shape.report`."""
+        return {"details": self.details, "locate": self.locate, "certify": self.certify}
 
 
 @dataclass(frozen=True)
@@ -139,7 +146,7 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
 
 def _answer(shape: Shape, questions: Questions) -> Answer:
     """What was asked for about one shape."""
-    report, fragment = shape.report(details=questions.details, locate=questions.locate), None
+    report, fragment = shape.report(**questions.asked), None
     if questions.page is not None:
         from topokit.pages import page_of
 

@@ -40,6 +40,7 @@ def answer_files(
     *,
     details: bool = False,
     locate: bool = False,
+    certify: bool = False,
     with_report: bool = True,
     output: Path | None = None,
     resume: Journal | None = None,
@@ -56,6 +57,7 @@ def answer_files(
         make_writer: the form of the results, for a stream and what was found.
         details: as for `Shape.report`.
         locate: as for `Shape.report`.
+        certify: as for `Shape.report`.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
         resume: that file, of JSON lines, to add those files to that are not in it.
@@ -64,7 +66,7 @@ def answer_files(
         check: may turn an answer into a failure.
     """
     page: Literal["full", "light"] | None = None if html is None else "light" if light else "full"
-    questions = Questions(opener, request.chosen_labels, details, locate, with_report, page)
+    questions = Questions(opener, request.chosen_labels, details, locate, certify, with_report, page)
     has_failed = had_failed = False
 
     def shown(

@@ -94,6 +94,9 @@ def report(
     locate: Annotated[
         bool, typer.Option("--locate", help="Also where handles, boundaries and defects are; this takes longer.")
     ] = False,
+    certify: Annotated[
+        bool, typer.Option("--certify", help="Try to prove the level sets of networks, for up to a minute each.")
+    ] = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
     ] = None,
@@ -127,7 +130,8 @@ def report(
         raise typer.BadParameter("--retry-failed goes with --resume.")
     if light and html is None:
         raise typer.BadParameter("--light goes with --html.")
-    options = plain_options(opener.adapter, opener.given, labels=labels, details=details, locate=locate)
+    asked = {"details": details, "locate": locate, "certify": certify}
+    options = plain_options(opener.adapter, opener.given, labels=labels, **asked)
     lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
 
     def record(answer: Answer) -> dict[str, Any]:
@@ -162,6 +166,7 @@ def report(
         writer,
         details=details,
         locate=locate or (html is not None and not light),
+        certify=certify,
         with_report=needs_report,
         output=output,
         resume=lines if resume else None,

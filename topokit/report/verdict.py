@@ -186,6 +186,16 @@ def function_verdict(
     return "likely" if is_converged and adds_up and sees_all else "unsure"
 
 
+def proof_verdict(*, is_complete: bool, reaches_box: bool) -> Verdict:
+    """A level set is certain if bounds of the function and its gradient prove its topology and the box does not cut it.
+
+    Args:
+        is_complete: whether no cell of the proof is left open.
+        reaches_box: whether the level set is cut by the box: then only the part inside is known.
+    """
+    return "certain" if is_complete and not reaches_box else "unsure"
+
+
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
     """A closed cloud is likely if both families of votes give its integer and such answers are nearly always right."""
     return "likely" if all(check.passed for check in checks) else "unsure"

@@ -23,10 +23,12 @@ from topokit.core.mesh.topology import mesh_topology
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
+from topokit.report.certificate import Certificate
 from topokit.report.cloud import cloud_report
 from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
 from topokit.shape import estimates, facts, outputs
+from topokit.shape.certified import certified_report
 from topokit.shape.details import with_details
 from topokit.shape.levels import euler_curve
 from topokit.shape.locate import with_location
@@ -55,6 +57,7 @@ class Shape:
         surface: makes the closed surface of the representation; without it that is the mesh, or that of the global
             witness.
         defects: finds faults; gets whether to look for self-intersections, too.
+        certify: proves the topology of a function's level set in so many seconds.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -62,7 +65,7 @@ class Shape:
         n_neighbors: number of nearest neighbors for `curvature`, `gauss_bonnet` and `refined_euler`. None, the default,
             takes 20, or more where the samples are noisy.
 
-    All but `surface` and `defects` are attributes, too; what a function makes is made when it is first needed.
+    All but `surface`, `defects` and `certify` are attributes, too; what functions make is made when it is needed.
     """
 
     field: Field | None
@@ -73,6 +76,7 @@ class Shape:
     _known: Measurements
     _make_surface: Callable[[], TriangleSurface] | None
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
+    _prove: Callable[[float], Certificate] | None
 
     def __init__(
         self,
@@ -81,6 +85,7 @@ class Shape:
         *,
         surface: Callable[[], TriangleSurface] | None = None,
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
+        certify: Callable[[float], Certificate] | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
@@ -98,6 +103,7 @@ class Shape:
             _known=known,
             _make_surface=surface,
             _find_defects=defects,
+            _prove=certify,
         )
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -161,6 +167,7 @@ class Shape:
             self._known.counted_or_given,
             surface=self._make_surface,
             defects=self._find_defects,
+            certify=self._prove,
             field=self.field,
             mesh=mesh,
             name=self.name,
@@ -196,7 +203,7 @@ class Shape:
         """
         return known_genus(self.report(), is_manifold=None if self.counted is None else self.counted.manifold)
 
-    def report(self, *, details: bool = False, locate: bool = False) -> TopologyReport:
+    def report(self, *, details: bool = False, locate: bool = False, certify: bool = False) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
         A counted answer is reported as it is; samples without one are judged by the global witness.
@@ -206,15 +213,58 @@ class Shape:
                 shape, the self-optimized χ⁽ᴷ⁾, the solid that a mesh encloses by winding number, and at which
                 levels the answer of a gray volume or a function stays (`level_range`).
             locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
+            certify: whether to try a proof (see `certify`, with its time limit) of the level set of a function, which
+                makes the answer "certain" without grids; where it fails, grids answer, and the report says what stays
+                open. It changes nothing for other shapes.
 
         Raises:
-            InputError: if the samples are batched.
+            InputError: if the samples are batched; or as for `certify`.
         """
-        if self.counted is None:
-            self._known.examination()  # refuses batches
-        [report] = self._reports()
+        if certify and self._prove is not None:
+            report = certified_report(self)
+        else:
+            if self.counted is None:
+                self._known.examination()  # refuses batches
+            [report] = self._reports()
         report = with_location(report, self) if locate else report
         return with_details(report, self, self._known.automatic_neighbors()) if details else report
+
+    def certify(self, time_limit: float = 60.0) -> Certificate:
+        """A proof of the topology of a function's level set in its box, by bounds of the function and its gradient.
+
+        An octree is divided until every cell is free of the surface or holds a piece of it that is a graph, and the
+        surface is replaced by triangles of which a theorem says that an isotopy of the box turns them into it. All
+        bounds hold rounding errors. The function is taken in exact arithmetic with its weights as they are stored:
+        what another precision makes of it is not proven. It must be made of operations of torch that have bounds.
+
+        Args:
+            time_limit: seconds after which no cell is divided any more.
+
+        Returns:
+            A `Certificate`, with what is proven, or the places where nothing is.
+
+        Raises:
+            InputError: if the shape was not made from a function, an operation in it has no bounds (it is named), or
+                the time is not positive.
+
+        Reference:
+            After Plantinga and Vegter, "Isotopic approximation of implicit curves and surfaces", SGP 2004; the theorem
+            with its proof is in `topokit.core.implicit.certificate.proof`.
+
+        Example:
+            >>> import topokit as tk
+            >>> found = tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, bounds=(-1, 1)).certify()
+            >>> found.verdict, found.euler, len(found.components)
+            ('certain', 2, 1)
+        """
+        if self._prove is None:
+            raise InputError(
+                f"{self.name} was not made from a function: only level sets of functions are proven by bounds. Meshes "
+                "and volumes are counted, which is a proof."
+            )
+        if not time_limit > 0:
+            raise InputError(f"time_limit must be positive, not {time_limit}.")
+        return self._prove(time_limit)
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.

@@ -25,6 +25,9 @@ from topokit.core.implicit.adaptive_grid import (
 )
 from topokit.core.implicit.block_components import components_in_blocks
 from topokit.core.implicit.blockwise import Blocks
+from topokit.core.implicit.bounds.operations import program_of
+from topokit.core.implicit.bounds.program import Program
+from topokit.core.implicit.certificate.proof import prove
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
 from topokit.core.implicit.level_set import (
     area_weighted_starts,
@@ -39,6 +42,7 @@ from topokit.core.progress import stages
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, Option
+from topokit.report.certificate import Certificate, certificate
 from topokit.report.function import function_answer
 from topokit.report.progress import progress_bar
 from topokit.report.report import CountedAnswer
@@ -47,6 +51,8 @@ Bounds = tuple[Corner, Corner]
 COARSEST = 64  # cells of the grid that is evaluated at every vertex
 _MOST_CELLS = 512  # along the longest side of a grid that is held in memory
 _BELOW_ZERO = -0.1  # values of a network that was fitted to 0 and 1 may ripple as far as that
+_CHECKED_CELLS = 15  # of the grid on which the operations of a proof are compared with their function
+_CHECKED_DIGITS = 2.0**14  # by which its own rounding may be larger than that of one operation
 _DRAWS = 4  # at most, of samples where projection has failed
 
 
@@ -156,6 +162,21 @@ class ImplicitSurface:
             return count_solid(values, lambda part: part > 0, DEFAULT_CONNECTIVITY, study.shown).surfaces
         return components_in_blocks(study.known, DEFAULT_CONNECTIVITY, self.blocks)
 
+    def certificate(self, time_limit: float) -> Certificate:
+        """What bounds of the function and its gradient prove within so many seconds.
+
+        Raises:
+            InputError: if an operation of the function has no bounds, or the operations do not give its values.
+        """
+        function = self.function
+        example = torch.zeros(1, 3, dtype=function.dtype, device=function.device)
+        program = program_of(
+            lambda x: function.sign * (function.f(x).reshape(-1) - function.level), example, function.name
+        )
+        low, high = self.bounds
+        _check_values(program, function, Grid.covering(low, high, _CHECKED_CELLS))
+        return certificate(function.name, prove(program, low, high, time_limit), low, high)
+
     def triangles(self) -> TriangleSurface:
         """The zero set as triangles on the coarsest grid that shows the counted integer, its vertices on the zero set.
 
@@ -194,6 +215,20 @@ class ImplicitSurface:
                 field = refined_everywhere(field, self.function.without_graph)
             self._coarsest = field
         return self._coarsest
+
+
+def _check_values(program: Program, function: LevelFunction, grid: Grid) -> None:
+    """Refuse operations that do not give the values of their function, as where these depend on more than the point."""
+    points = grid.positions(torch.arange(grid.n_vertices))
+    found = program.forms(points, points[:0])[-1].center[:, 0]
+    values = function.without_graph(points).double()
+    error = float((found - values).abs().max())
+    allowed = _CHECKED_DIGITS * torch.finfo(function.dtype).eps * max(1.0, float(values.abs().max()))
+    if not error <= allowed:
+        raise InputError(
+            f"the operations of {function.name} give other values than it does, by up to {error:.3g}: its values must "
+            "depend on the point alone, without randomness or branches, so that something can be proven."
+        )
 
 
 def _at_least_float32(points: Tensor, normals: Tensor) -> SurfaceSamples:

@@ -1,0 +1,285 @@
+"""Proofs of the topology of level sets: what is proven is right, and what is singular is never proven."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from itertools import combinations
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from topokit.core.implicit.bounds.operations import program_of
+from topokit.core.implicit.certificate.cells import OFFSETS, Leaves, Octree, children, unbalanced
+from topokit.core.implicit.certificate.proof import Proof, _is_proven, prove
+from topokit.core.implicit.certificate.triangulation import triangulate
+
+Function = Callable[[Tensor], Tensor]
+LOW, HIGH = (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)
+
+
+def proof_of(function: Function, time_limit: float = 600.0) -> Proof:
+    """The proof about a function that is negative inside."""
+    program = program_of(lambda x: -function(x), torch.full((1, 3), 0.1, dtype=torch.float64), "f")
+    return prove(program, LOW, HIGH, time_limit)
+
+
+def ball(center: tuple[float, float, float], radius: float) -> Function:
+    return lambda x: (x - x.new_tensor(center)).norm(dim=1) - radius
+
+
+def union(*parts: Function) -> Function:
+    def function(x: Tensor) -> Tensor:
+        value = parts[0](x)
+        for part in parts[1:]:
+            value = torch.minimum(value, part(x))
+        return value
+
+    return function
+
+
+def torus(x: Tensor, major: float = 0.6, minor: float = 0.2) -> Tensor:
+    return (x[:, :2].norm(dim=1) - major) ** 2 + x[:, 2] ** 2 - minor**2
+
+
+def chmutov(x: Tensor) -> Tensor:
+    """Chmutov's surface of degree 4, Σ T₄(x_i) = 0.3 less than its singular value: a surface of genus 5 … inside."""
+    return (8 * x**4 - 8 * x**2 + 1).sum(1) + 0.3
+
+
+def genus_two(x: Tensor) -> Tensor:
+    """A tube around the lemniscate."""
+    u, v, w = (1.8 * x).unbind(1)
+    return (u**2 * (1 - u**2) - v**2) ** 2 + w**2 / 2 - 0.01
+
+
+def linked(x: Tensor) -> Tensor:
+    return torch.minimum(
+        torus(x + x.new_tensor((0.3, 0, 0)), 0.45, 0.12),
+        torus((x - x.new_tensor((0.15, 0, 0)))[:, [0, 2, 1]], 0.45, 0.12),
+    )
+
+
+KNOWN: dict[str, tuple[Function, list[int], int]] = {
+    "ball": (ball((0, 0, 0), 0.7), [2], 0),
+    "small ball": (ball((0.31, 0.17, -0.4), 1e-3), [2], 0),
+    "hollow ball": (lambda x: (x.norm(dim=1) - 0.6).abs() - 0.05, [2, 2], 1),
+    "torus": (torus, [0], 0),
+    "thin torus": (lambda x: torus(x, 0.6, 0.02), [0], 0),
+    "closed hole": (lambda x: torus(x, 0.4, 0.399), [0], 0),  # its hole is 0.002 wide
+    "cube": (lambda x: (x.abs() - 0.5).amax(1), [2], 0),
+    "octahedron": (lambda x: x.abs().sum(1) - 0.7, [2], 0),
+    "notched": (lambda x: torch.maximum((x.abs() - 0.5).amax(1), 0.3 - x[:, :2].abs().amax(1)), [0], 0),
+    "touching nearly": (union(ball((-0.301, 0, 0), 0.3), ball((0.301, 0, 0), 0.3)), [2, 2], 0),
+    "joined nearly": (union(ball((-0.299, 0, 0), 0.3), ball((0.299, 0, 0), 0.3)), [2], 0),
+    "genus two": (genus_two, [-2], 0),
+    "linked": (linked, [0, 0], 0),
+    "speck": (union(ball((0, 0, 0), 0.6), ball((0.71, 0.13, 0.57), 1e-4)), [2, 2], 0),
+    "pinhole": (lambda x: torch.maximum(x.norm(dim=1) - 0.5, 0.02 - (x[:, :2] - 0.1).norm(dim=1)), [0], 0),
+    "eight": (
+        union(*(ball((a, b, c), 0.3) for a in (-0.5, 0.5) for b in (-0.5, 0.5) for c in (-0.5, 0.5))),
+        [2] * 8,
+        0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_what_is_proven_is_right(name: str) -> None:
+    function, eulers, cavities = KNOWN[name]
+    found = proof_of(function)
+    assert found.components is not None, found.places
+    assert sorted(found.components.euler.tolist()) == sorted(eulers)
+    assert found.components.cavities == cavities
+    assert not any(map(any, found.reached))
+
+
+SINGULAR: dict[str, Function] = {
+    "cone": lambda x: x[:, 0] ** 2 + x[:, 1] ** 2 - x[:, 2] ** 2,
+    "touching balls": union(ball((-0.25, 0, 0), 0.25), ball((0.25, 0, 0), 0.25)),
+    "point": lambda x: (x**2).sum(1),
+    "edge": lambda x: torch.maximum(x[:, 0] * x[:, 1], x.norm(dim=1) - 0.5),
+    "double sphere": lambda x: (x.norm(dim=1) - 0.5) ** 2,
+    "horn torus": lambda x: torus(x, 0.4, 0.4),
+    "cube with a shared edge": lambda x: torch.maximum(x.abs().amax(1) - 0.5, -(x[:, 0] * x[:, 1]).abs()),
+    "flat": lambda x: torch.relu(x[:, 0] - 0.5),
+    "zero": lambda x: 0 * x[:, 0],
+    "not a number": lambda x: (x[:, 0] - 2).sqrt(),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+def test_what_is_singular_is_never_proven(name: str) -> None:
+    found = proof_of(SINGULAR[name], time_limit=0.6)
+    assert found.components is None
+    assert found.n_open > 0
+    for low, high in found.places:
+        assert all(a < b for a, b in zip(low, high, strict=True))
+
+
+def test_the_place_of_a_singularity_is_named() -> None:
+    place = (0.123, -0.37, 0.25)
+    found = proof_of(union(ball((place[0] - 0.2, *place[1:]), 0.2), ball((place[0] + 0.2, *place[1:]), 0.2)))
+    [(low, high)] = found.places
+    assert all(a <= at <= b and b - a < 1e-3 for at, a, b in zip(place, low, high, strict=True))
+
+
+def spiked(height: float, width: float) -> Function:
+    """An octahedron, with a spike that makes a part of its own."""
+    center = torch.tensor([0.137, -0.244, 0.719], dtype=torch.float64)
+
+    def function(x: Tensor) -> Tensor:
+        spike = torch.relu(height - height / width * (x - center).abs().sum(1))
+        return x.abs().sum(1) - 0.4 - spike
+
+    return function
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-4])
+def test_a_spike_of_a_network_is_seen(width: float) -> None:
+    found = proof_of(spiked(5.0, width))
+    assert found.components is not None
+    assert found.components.euler.tolist() == [2, 2]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("activation", [nn.ReLU, nn.Tanh, nn.Softplus])
+def test_random_networks_are_proven_as_fine_grids_count_them(seed: int, activation: type[nn.Module]) -> None:
+    from topokit.core.grid.euler import surface_euler
+
+    torch.manual_seed(seed)
+    net = nn.Sequential(nn.Linear(3, 12), activation(), nn.Linear(12, 12), activation(), nn.Linear(12, 1)).double()
+
+    def function(x: Tensor) -> Tensor:
+        return net(4 * x)[:, 0] - net(torch.zeros(1, 3, dtype=torch.float64))[:, 0] + 0.9 * (x.norm(dim=1) - 0.5)
+
+    found = proof_of(function)
+    if found.components is None or any(map(any, found.reached)):
+        pytest.skip("nothing is proven, or the surface reaches the box")
+    axis = torch.linspace(-1, 1, 49, dtype=torch.float64)
+    with torch.no_grad():
+        values = -function(torch.cartesian_prod(axis, axis, axis)).reshape(49, 49, 49)
+    counts = {int(surface_euler(values, 0.0, connectivity)) for connectivity in (6, 26)}
+    assert counts == {int(found.components.euler.sum())}
+
+
+def test_surfaces_that_leave_the_box_are_said_to() -> None:
+    found = proof_of(lambda x: x[:, 2] - 0.1 + 0.2 * torch.sin(3 * x[:, 0]))
+    assert found.components is not None
+    assert found.reached == ((True, True), (True, True), (False, False))
+    assert (found.components.euler.tolist(), found.components.boundary_loops.tolist()) == ([1], [1])
+    corner = proof_of(ball((1, 1, 1), 0.5))
+    assert corner.reached == ((False, True),) * 3
+    assert corner.components is not None
+    assert corner.components.boundary_loops.tolist() == [1]
+    inside = proof_of(ball((0, 0, 0), 5))
+    assert inside.components is not None
+    assert len(inside.components) == 0
+    touching = proof_of(ball((0.5, 0, 0), 0.5), time_limit=1.0)
+    assert touching.components is None, "tangent to a face of the box"
+
+
+def test_the_time_limit_holds() -> None:
+    torch.manual_seed(0)
+    net = nn.Sequential(
+        nn.Linear(3, 64), nn.ReLU(), *(nn.Sequential(nn.Linear(64, 64), nn.ReLU()) for _ in range(4)), nn.Linear(64, 1)
+    )
+    program = program_of(net, torch.zeros(1, 3), "net")
+    started = time.monotonic()
+    found = prove(program, LOW, HIGH, 0.5)
+    assert time.monotonic() - started < 10
+    assert found.components is None or found.seconds < 10
+
+
+def random_tree(seed: int) -> tuple[Octree, Leaves]:
+    """A balanced octree with holes."""
+    program = program_of(lambda x: x[:, 0] + 0.3, torch.zeros(1, 3, dtype=torch.float64), "f")
+    tree = Octree(program, LOW, HIGH, time.monotonic() + 60)
+    generator = np.random.default_rng(seed)
+    cells = {0: np.array([(x, y, z) for x in range(4) for y in range(4) for z in range(4)])}
+    for level in range(3):
+        chosen = generator.random(len(cells[level])) < 0.3
+        cells[level + 1] = children(cells[level][chosen])
+        cells[level] = cells[level][~chosen]
+    while True:
+        parts = [_bounded(tree, index, level) for level, index in cells.items() if len(index)]
+        leaves = Leaves.joined(parts)
+        wrong = unbalanced(leaves)
+        if not len(wrong):
+            kept = np.nonzero(generator.random(len(leaves.level)) < 0.8)[0]
+            return tree, leaves.rows(kept) if seed % 2 else leaves
+        for level in sorted(cells):
+            rows = wrong[leaves.level[wrong] == level]
+            chosen = np.isin(np.arange(len(leaves.level))[leaves.level == level], rows)
+            cells[level + 1] = np.concatenate(
+                (cells.get(level + 1, np.zeros((0, 3), np.int64)), children(cells[level][chosen]))
+            )
+            cells[level] = cells[level][~chosen]
+
+
+def _bounded(tree: Octree, index: np.ndarray, level: int) -> Leaves:
+    from topokit.core.implicit.bounds.gradients import Zonotopes
+
+    one = torch.ones(len(index), 3, dtype=torch.float64)
+    gradient = Zonotopes(one, one[:0], torch.zeros(0, dtype=torch.int64), 0 * one)
+    return Leaves(index, np.full(len(index), level), gradient)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_triangulations_conform(seed: int) -> None:
+    tree, leaves = random_tree(seed)
+    mesh = triangulate(tree, leaves, tree.values)
+    corners = mesh.positions[mesh.tetrahedra]
+    volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
+    sides = 2.0 / (4 * 2.0**leaves.level)
+    np.testing.assert_allclose(np.bincount(mesh.owner, volumes), sides**3, rtol=1e-12)
+    uses = Counter(tuple(sorted(face)) for cell in mesh.tetrahedra.tolist() for face in combinations(cell, 3))
+    assert max(uses.values()) == 2
+    once = [face for face, count in uses.items() if count == 1]
+    if seed % 2 == 0:  # the leaves fill the box
+        points = mesh.positions[np.array(once)]
+        assert (np.isclose(np.abs(points), 1).all(1)).any(1).all()
+        assert set(mesh.octants) == {8}
+    else:  # faces with one tetrahedron are those of holes or of the box: all of their vertices can be seen from there
+        at_box = np.isclose(np.abs(mesh.positions), 1).any(1)
+        assert ((mesh.octants < 8) | at_box)[np.array(once)].all()
+    assert bool(torch.allclose(mesh.gradient, torch.tensor([1.0, 0, 0], dtype=torch.float64), atol=1e-9))
+
+
+def test_conditions_fail_where_values_are_wrong() -> None:
+    """The same leaves with another interpolation: a dent, and a wrong sign beside a cell without surface."""
+    program = program_of(ball((0, 0, 0), 0.5), torch.full((1, 3), 0.1, dtype=torch.float64), "f")
+    tree = Octree(program, LOW, HIGH, time.monotonic() + 60)
+    leaves = tree.divide(
+        children(children(np.array([(x, y, z) for x in range(4) for y in range(4) for z in range(4)]))), 2
+    )
+    good = triangulate(tree, leaves, tree.values)
+    assert _is_proven(tree, leaves, good).all()
+    near = good.positions[np.argmin(np.abs(good.value) + (good.octants < 8))]
+
+    def dented(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, error = tree.values(points)
+        return value + 0.2 * (points == near).all(1), error
+
+    assert not _is_proven(tree, leaves, triangulate(tree, leaves, dented)).all()
+
+    def unsure(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, error = tree.values(points)
+        return value, error + 2.0
+
+    refused = ~_is_proven(tree, leaves, triangulate(tree, leaves, unsure))
+    beside = np.unique(good.owner[(good.octants[good.tetrahedra] < 8).any(1)])
+    assert refused[beside].all()
+
+
+def test_leaves_that_are_too_unequal_are_found() -> None:
+    index = np.array([(0, 0, 0), (4, 0, 0), (4, 4, 0), (4, 4, 4), (3, 0, 0)])
+    leaves = _bounded(Octree.__new__(Octree), index, 0)
+    level = np.array([0, 2, 2, 2, 0])
+    found = unbalanced(Leaves(leaves.index, level, leaves.gradient))
+    assert found.tolist() == [0], "by a face and an edge, not by a corner alone"
+    assert unbalanced(Leaves(index[[0, 3]], level[[0, 3]], leaves.gradient)).tolist() == []
+    assert len(OFFSETS) == 8

@@ -1,0 +1,1 @@
+"""Bounds of a function and of its gradient over boxes, with every rounding error in them."""

@@ -1,0 +1,204 @@
+"""The octree of a proof: cells that hold no surface are left out, cells in which the surface is a graph are kept."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.components import Corner
+from topokit.core.implicit.bounds.gradients import Zonotopes, count_kinks, gradients
+from topokit.core.implicit.bounds.program import Program
+from topokit.core.implicit.bounds.rounding import STEP
+
+DEEPEST = 17  # halvings of the first cells: to 1/524 288 of the box's longest side
+_ROOT = 4  # first cells along the longest side
+_MOST_KINKS = 48  # in a cell of which the gradient is bounded; with more it is divided at once
+_MOST_CELLS = 1 << 24  # waiting at one time: 400 MB
+_ENTRIES = 1 << 15  # numbers in a vector of all cells that are bounded together
+
+OFFSETS = np.array(list(product((0, 1), repeat=3)))
+"""(8, 3) the children of a cell, and its corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leaves:
+    """Cells in which the gradient keeps to one side of a plane, so that the level set is a graph or empty.
+
+    Attributes:
+        index: (n, 3) position among the cells of the same size.
+        level: (n,) how often the first cells were halved.
+        gradient: enclosures of the gradient, n sets.
+    """
+
+    index: Integers
+    level: Integers
+    gradient: Zonotopes
+
+    def rows(self, chosen: Integers) -> Leaves:
+        """Some of them, by ascending number."""
+        return Leaves(self.index[chosen], self.level[chosen], self.gradient.rows(torch.from_numpy(chosen)))
+
+    @staticmethod
+    def joined(parts: Sequence[Leaves]) -> Leaves:
+        """Several collections as one."""
+        gradient = Zonotopes.joined([part.gradient for part in parts])
+        return Leaves(
+            np.concatenate([part.index for part in parts]), np.concatenate([part.level for part in parts]), gradient
+        )
+
+
+class Octree:
+    """Cells of a box and what is proven about a function in them.
+
+    Args:
+        program: the function, whose level set is at 0.
+        low: lowest corner of the box.
+        high: highest corner.
+        deadline: time (`time.monotonic`) after which no cell is divided any more.
+    """
+
+    def __init__(self, program: Program, low: Corner, high: Corner, deadline: float) -> None:
+        self.program, self.deadline = program, deadline
+        self.low, self.side = np.array(low), np.array(high) - np.array(low)
+        self.root = np.maximum(1, np.rint(_ROOT * self.side / self.side.max())).astype(np.int64)
+        self.n_bounded = 0
+        self.deepest = 0
+        self.open: list[tuple[Integers, int]] = []  # cells that stay undecided, with their level
+        self._chunk = max(64, _ENTRIES // max(program.widths))
+
+    def start(self) -> Leaves:
+        """The leaves of the whole box."""
+        cells = np.array(list(product(*map(range, self.root.tolist()))), dtype=np.int64)
+        return self.divide(cells, 0)
+
+    def divide(self, cells: Integers, level: int) -> Leaves:
+        """The leaves in some cells, breadth first; what stays undecided is added to `open`.
+
+        Args:
+            cells: (n, 3), of one level.
+            level: theirs.
+        """
+        found: list[Leaves] = []
+        while len(cells):
+            self.deepest = max(self.deepest, level)
+            undecided = []
+            for start in range(0, len(cells), self._chunk):
+                if time.monotonic() > self.deadline:
+                    undecided.append(cells[start:])
+                    break
+                leaves, rest = self._examined(cells[start : start + self._chunk], level)
+                found.append(leaves)
+                undecided.append(rest)
+            rest = np.concatenate(undecided)
+            if level == DEEPEST or 8 * len(rest) > _MOST_CELLS or time.monotonic() > self.deadline:
+                if len(rest):
+                    self.open.append((rest, level))
+                break
+            cells, level = children(rest), level + 1
+        empty = torch.zeros(0, 3, dtype=torch.float64)
+        none = Zonotopes(empty, empty, torch.zeros(0, dtype=torch.int64), empty)
+        return Leaves.joined([Leaves(np.zeros((0, 3), np.int64), np.zeros(0, np.int64), none), *found])
+
+    def bounds(self, cells: Integers, level: int) -> tuple[Floats, Floats]:
+        """(n, 3) lowest and highest corners of cells."""
+        size = self.side / (self.root * 2.0**level)
+        return self.low + cells * size, self.low + (cells + 1) * size
+
+    def touched(self, cells: Integers, level: Integers | int) -> Booleans:
+        """(n, 3) whether cells touch the box's faces across each axis."""
+        last = self.root * (1 << np.asarray(level, dtype=np.int64))[..., None] - 1
+        touches: Booleans = (cells == 0) | (cells == last)
+        return touches
+
+    def values(self, points: Floats) -> tuple[Floats, Floats]:
+        """The function at points (n, 3): values (n,) and bounds of their errors (n,)."""
+        found, errors = [np.zeros(0)], [np.zeros(0)]
+        for part in torch.from_numpy(points).split(4 * self._chunk):
+            form = self.program.forms(part, part[:0])[-1]
+            found.append(form.center[:, 0].numpy())
+            errors.append(form.reach[:, 0].numpy())
+        return np.concatenate(found), np.concatenate(errors)
+
+    def _examined(self, cells: Integers, level: int) -> tuple[Leaves, Integers]:
+        """The leaves among cells, and those that are undecided; those without surface are in neither."""
+        self.n_bounded += len(cells)
+        scale = self.side / (self.root * 2.0 ** (level + 1))
+        centers = torch.from_numpy(self.low + (2 * cells + 1) * scale)
+        half = torch.from_numpy(scale * (1 + STEP) + STEP * (np.abs(self.low) + self.side)).expand_as(centers)
+        forms = self.program.forms(centers, half)
+        low, high = (end[:, 0] for end in forms[-1].ends)
+        is_empty = (low > 0) | (high < 0)
+        chosen = (~is_empty & (count_kinks(self.program, forms) <= _MOST_KINKS)).nonzero()[:, 0]
+        gradient = gradients(self.program, [form.rows(chosen) for form in forms])
+        center = self.program.forms(centers[chosen], centers[:0])[-1]
+        nearest = center.center[:, 0].abs() - center.reach[:, 0]
+        farthest = (gradient.size * half[chosen]).sum(1) * (1 + 1e-10)
+        is_empty[chosen[nearest > farthest]] = True
+        graphs = (self._is_graph(gradient, cells[chosen.numpy()], level) & ~(nearest > farthest)).nonzero()[:, 0]
+        index = cells[chosen[graphs].numpy()]
+        leaves = Leaves(index, np.full(len(index), level), gradient.rows(graphs))
+        is_done = is_empty.numpy().copy()
+        is_done[chosen[graphs].numpy()] = True
+        return leaves, cells[~is_done]
+
+    def _is_graph(self, gradient: Zonotopes, cells: Integers, level: int) -> Tensor:
+        return rises(gradient, gradient.center[:, None], torch.from_numpy(self.touched(cells, level)))
+
+
+def rises(gradient: Zonotopes, directions: Tensor, touched: Tensor) -> Tensor:
+    """Whether the function rises along directions, and along their projections to the faces of the box that are near.
+
+    Args:
+        gradient: N sets.
+        directions: (N, J, 3), J for each.
+        touched: (N, 3) whether the cell touches a face of the box across each axis.
+
+    Returns:
+        (N,) whether all do.
+    """
+    found = (gradient.least(directions) > 0).all(1)
+    at_faces = (touched.any(1) & found).nonzero()[:, 0]
+    if len(at_faces):
+        part, near, along = gradient.rows(at_faces), touched[at_faces], directions[at_faces]
+        for crossed in product((False, True), repeat=3):
+            axes = torch.tensor(crossed)
+            if any(crossed):
+                applies = (near | ~axes).all(1)
+                is_above = (part.least(along.masked_fill(axes, 0.0)) > 0).all(1)
+                found[at_faces] &= is_above | ~applies
+    return found
+
+
+def children(cells: Integers) -> Integers:
+    """(8n, 3) the cells of half the size in cells (n, 3)."""
+    halves: Integers = (2 * cells[:, None] + OFFSETS).reshape(-1, 3)
+    return halves
+
+
+def code(cells: Integers) -> Integers:
+    """(n,) one number for the position of each cell or point (n, 3), which may be −1 … 2²⁰."""
+    x, y, z = (cells + 1).T
+    one: Integers = ((x << 21) + y << 21) + z
+    return one
+
+
+def unbalanced(leaves: Leaves) -> Integers:
+    """Leaves (numbers) that share a face or an edge with one of less than half their size."""
+    directions = [d for d in product((-1, 0, 1), repeat=3) if 0 < sum(map(abs, d)) < 3]
+    wrong = [np.zeros(0, np.int64)]
+    near = np.zeros((0, 3), dtype=np.int64)
+    for level in range(int(leaves.level.max(initial=0)), 1, -1):
+        own = leaves.index[leaves.level == level]
+        around = np.concatenate([own + d for d in directions]) >> 1
+        near = np.concatenate((near, around)) if len(own) else near
+        near = near[np.unique(code(near), return_index=True)[1]] >> 1
+        coarse = np.nonzero(leaves.level == level - 2)[0]
+        wrong.append(coarse[np.isin(code(leaves.index[coarse]), code(near))])
+    return np.unique(np.concatenate(wrong))

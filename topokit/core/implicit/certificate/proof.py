@@ -1,0 +1,290 @@
+"""The proof that a level set has the topology of a triangulated surface.
+
+Theorem. Let f be Lipschitz on a box B, K a conforming set of tetrahedra in B, and L continuous, linear in each of them.
+Suppose that
+
+1. f is not 0 outside of K, and at every vertex of K beside such a place L has the sign of f;
+2. every tetrahedron σ lies in a cell C with a set G(C) that holds ∂f(x), Clarke's gradient, for all x in C; and for
+   each cell one of these holds, g_σ being the gradient of L in σ:
+   S. ⟨g_σ, η⟩ > 0 for all η in G(C) and all σ in C;
+   V. there is a direction v with ⟨v, η⟩ > 0 for all η in G(C), and ⟨v, g_σ⟩ > 0 for all σ that touch C;
+3. cells that touch the faces of B across a set T of axes satisfy S with g_σ replaced by its projection along the axes
+   U, too, for every subset U of T.
+
+Then an isotopy of B takes {f > 0} to {L > 0}, where L is continued outside of K with the sign of f.
+
+Proof. Let f_t = (1 − t) f + t L, and f_t(x) = 0. By 1, x is in K only. Clarke's gradient ∂f_t(x) lies in
+(1 − t) ∂f(x) + t hull{g_σ : σ ∋ x}. There is a vector v with ⟨v, ∂f_t(x)⟩ > 0, the same for all t: if x touches a cell
+with V, its v. Else let v be the shortest element of the convex set ∂f(x), which is not 0 by S: ⟨v, ξ⟩ ≥ |v|² for all ξ
+in ∂f(x), and ⟨v, g_σ⟩ > 0 by S, as v is in G(C) for all cells C ∋ x. On the faces of B the same holds for the
+projections of all vectors by 3, so that v can be tangent to them. ∂f_t is upper semicontinuous, so v serves in a
+neighborhood of (x, t); a partition of unity gives a smooth field V on B, tangent to its faces, along which f_s rises
+strictly near {f_t = 0} for all s near t. Each flow line of V near {f_t = 0} meets {f_s = 0} once: an isotopy
+from t to s; finitely many of them, as [0, 1] is compact, lead from f to L. ∎
+
+L need not be close to f, nor its values exact: that is what the tests are for. With S, subdivision ends wherever f is
+smooth and 0 is a regular value; V serves at creases of any angle.
+
+References:
+    Plantinga and Vegter, "Isotopic approximation of implicit curves and surfaces", SGP 2004 (a test of this kind for
+    smooth functions: ⟨G, G⟩ > 0 in intervals). Boissonnat, Cohen-Steiner, Vegter, "Isotopic implicit surface meshing",
+    Discrete & Computational Geometry 39, 2008, DOI 10.1007/s00454-007-9011-5 (isotopies by f_t). Clarke, Optimization
+    and Nonsmooth Analysis, 1983.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.ndimage import label
+from scipy.sparse import csr_array
+from torch import Tensor
+
+from topokit.core.arrays import Booleans, Integers
+from topokit.core.components import Corner, CountedComponents
+from topokit.core.implicit.bounds.gradients import Zonotopes
+from topokit.core.implicit.bounds.program import Program
+from topokit.core.implicit.certificate.cells import DEEPEST, Leaves, Octree, children, rises, unbalanced
+from topokit.core.implicit.certificate.triangulation import Triangulation, triangulate
+from topokit.core.mesh.topology import mesh_topology
+from topokit.core.surface import TriangleSurface
+
+Place = tuple[Corner, Corner]
+_STEPS = 40  # of the search for a direction
+_CHUNK = 1 << 16  # leaves tested together
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """What is proven about a level set in a box.
+
+    Attributes:
+        components: of the surface, where it is proven, else None.
+        surface: triangles isotopic to it, likewise; None if it is empty, too.
+        reached: for each axis, whether the surface reaches the lower and the upper face of the box.
+        places: boxes around the cells in which nothing is proven, largest first; none if all is.
+        n_open: those cells.
+        n_cells: cells whose bounds were computed.
+        n_leaves: cells in which the surface is a graph.
+        smallest: side of the smallest cell.
+        seconds: time it took.
+    """
+
+    components: CountedComponents | None
+    surface: TriangleSurface | None
+    reached: tuple[tuple[bool, bool], ...]
+    places: tuple[Place, ...]
+    n_open: int
+    n_cells: int
+    n_leaves: int
+    smallest: float
+    seconds: float
+
+
+def prove(program: Program, low: Corner, high: Corner, time_limit: float) -> Proof:
+    """Prove the topology of {f = 0} in a box, as far as that is possible in a time.
+
+    Args:
+        program: f, positive inside.
+        low: lowest corner of the box.
+        high: highest corner.
+        time_limit: seconds after which no cell is divided any more.
+    """
+    started = time.monotonic()
+    tree = Octree(program, low, high, started + time_limit)
+    leaves = tree.start()
+    mesh = None
+    while not tree.open:
+        chosen = unbalanced(leaves)
+        if not len(chosen):
+            mesh = triangulate(tree, leaves, tree.values)
+            chosen = np.nonzero(~_is_proven(tree, leaves, mesh))[0]
+            if not len(chosen):
+                break
+        leaves = _divided(tree, leaves, chosen)
+    places, n_open = _places(tree)
+    surface = None if mesh is None or n_open else mesh.surface()
+    reached = _reached(tree, surface)
+    components = None
+    if not n_open:
+        components = (
+            CountedComponents.none() if surface is None or not len(surface.faces) else _counted(surface, reached)
+        )
+    return Proof(
+        components=components,
+        surface=surface,
+        reached=reached,
+        places=places,
+        n_open=n_open,
+        n_cells=tree.n_bounded,
+        n_leaves=len(leaves.level),
+        smallest=float((tree.side / tree.root).max() / 2.0**tree.deepest),
+        seconds=time.monotonic() - started,
+    )
+
+
+def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
+    """The leaves with some divided; those of the smallest size, or after the deadline, are open instead."""
+    is_kept = np.ones(len(leaves.level), dtype=bool)
+    is_kept[chosen] = False
+    parts = [leaves.rows(np.nonzero(is_kept)[0])]
+    for level in np.unique(leaves.level[chosen]).tolist():
+        cells = leaves.index[chosen[leaves.level[chosen] == level]]
+        if level == DEEPEST or time.monotonic() > tree.deadline:
+            tree.open.append((cells, level))
+        else:
+            parts.append(tree.divide(children(cells), level + 1))
+    return Leaves.joined(parts)
+
+
+def _is_proven(tree: Octree, leaves: Leaves, mesh: Triangulation) -> Booleans:
+    """(n,) whether leaves satisfy the conditions of the theorem."""
+    proven: Booleans = np.ones(len(leaves.level), dtype=bool)
+    proven[mesh.owner[~mesh.is_sure[mesh.tetrahedra].all(1)]] = False
+    touched = tree.touched(leaves.index, leaves.level)
+    order = np.argsort(mesh.owner, kind="stable")
+    starts = np.searchsorted(mesh.owner[order], np.arange(len(proven) + 1))
+    for rows in _chunks(len(proven)):
+        part = leaves.gradient.rows(torch.from_numpy(rows))
+        tetrahedra = order[starts[rows[0]] : starts[rows[-1] + 1]]
+        owner = mesh.owner[tetrahedra] - rows[0]
+        fails = ~_all_rise(part, mesh, tetrahedra, owner, touched[rows])
+        proven[rows[fails]] = proven[rows[fails]] & _has_direction(leaves, mesh, rows[fails], touched)
+    return proven
+
+
+def _chunks(count: int) -> Iterator[Integers]:
+    return (np.arange(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
+
+
+def _all_rise(
+    gradient: Zonotopes, mesh: Triangulation, tetrahedra: Integers, owner: Integers, touched: Booleans
+) -> Booleans:
+    """Condition S for each of n cells, with its variants at the faces of the box."""
+    n_cells = len(gradient.center)
+    most = np.bincount(owner, minlength=n_cells).max(initial=0)
+    first = np.searchsorted(owner, np.arange(n_cells))
+    place = np.arange(len(owner)) - first[owner]
+    passed = np.ones(n_cells, dtype=bool)
+    for start in range(0, most, 8):  # of all tetrahedra of a cell eight at a time; missing ones repeat its first
+        wanted = first[:, None] + np.minimum(
+            np.arange(start, start + 8), (np.bincount(owner, minlength=n_cells) - 1)[:, None]
+        )
+        rows = np.nonzero(place[wanted[:, 0]] >= 0)[0]
+        chosen = torch.from_numpy(tetrahedra[wanted[rows]])
+        directions, slack = mesh.gradient[chosen], mesh.slack[chosen]
+        passed &= (_rises_by(gradient, directions, slack, torch.from_numpy(touched))).numpy()
+    result: Booleans = passed
+    return result
+
+
+def _rises_by(gradient: Zonotopes, directions: Tensor, slack: Tensor, touched: Tensor) -> Tensor:
+    """Whether cells rise along directions that have rounding errors."""
+    sure = rises(gradient, directions, touched)
+    error = (slack * gradient.size[:, None]).sum(2)
+    return sure & (gradient.least(directions) > error).all(1)
+
+
+def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:
+    """Condition V for some leaves.
+
+    A direction is searched as by a perceptron: the worst of all vectors is added until every product is positive.
+    """
+    found = np.zeros(len(rows), dtype=bool)
+    chosen = np.nonzero(~touched[rows].any(1))[0]
+    if not len(chosen):
+        return found
+    gradient = leaves.gradient.rows(torch.from_numpy(rows[chosen]))
+    cell, tetrahedron = _touching(mesh, rows[chosen], len(leaves.level))
+    owner, vectors, slack = torch.from_numpy(cell), mesh.gradient[tetrahedron], mesh.slack[tetrahedron]
+    vectors_unit = torch.nn.functional.normalize(vectors, dim=1)
+    direction = torch.nn.functional.normalize(gradient.center, dim=1)
+    for _ in range(_STEPS):
+        products = (direction[owner] * vectors).sum(1)
+        error = 1e-12 * (direction[owner] * vectors).abs().sum(1) + (direction[owner].abs() * slack).sum(1)
+        is_bad = torch.zeros(len(chosen), dtype=torch.int64).index_add(0, owner, (~(products > error)).long()) > 0
+        found[chosen] |= (~is_bad & (gradient.least(direction[:, None])[:, 0] > 0)).numpy()
+        if found[chosen].all():
+            break
+        worst = _worst(gradient, direction)
+        cosine = (direction[owner] * vectors_unit).sum(1)
+        least = torch.full((len(chosen),), torch.inf, dtype=torch.float64).scatter_reduce(0, owner, cosine, "amin")
+        is_least = cosine == least[owner]
+        mean = torch.zeros_like(direction).index_add(0, owner, vectors_unit * is_least[:, None])
+        from_mesh = torch.nn.functional.normalize(mean, dim=1)
+        takes_mesh = least < (direction * worst).sum(1)
+        direction = torch.nn.functional.normalize(
+            direction + 0.5 * torch.where(takes_mesh[:, None], from_mesh, worst), dim=1
+        )
+    return found
+
+
+def _worst(gradient: Zonotopes, direction: Tensor) -> Tensor:
+    """(N, 3) the direction of the vector in each set that points least along one (N, 3)."""
+    along = (direction[gradient.owner] * gradient.generators).sum(1, keepdim=True).sign()
+    lowest = gradient.center - gradient.radius * direction.sign()
+    return torch.nn.functional.normalize(lowest.index_add(0, gradient.owner, -along * gradient.generators), dim=1)
+
+
+def _touching(mesh: Triangulation, rows: Integers, n_leaves: int) -> tuple[Integers, Integers]:
+    """Pairs of a place in `rows` and a tetrahedron that shares a vertex with that leaf."""
+    n_vertices, (n, corners) = len(mesh.value), mesh.tetrahedra.shape
+    place = np.full(n_leaves, -1)
+    place[rows] = np.arange(len(rows))
+    own = np.nonzero(place[mesh.owner] >= 0)[0]
+    of_leaf = csr_array(
+        (
+            np.ones(len(own) * corners, dtype=np.int32),
+            (np.repeat(place[mesh.owner[own]], corners), mesh.tetrahedra[own].ravel()),
+        ),
+        shape=(len(rows), n_vertices),
+    )
+    of_vertex = csr_array(
+        (np.ones(n * corners, dtype=np.int32), (mesh.tetrahedra.ravel(), np.repeat(np.arange(n), corners))),
+        shape=(n_vertices, n),
+    )
+    cell, tetrahedron = (of_leaf @ of_vertex).nonzero()
+    return cell.astype(np.int64), tetrahedron.astype(np.int64)
+
+
+def _places(tree: Octree) -> tuple[tuple[Place, ...], int]:
+    """Boxes around the open cells, joined where they touch on a grid of the largest of them."""
+    if not tree.open:
+        return (), 0
+    n_open = sum(len(cells) for cells, _ in tree.open)
+    boxes = [tree.bounds(cells, level) for cells, level in tree.open]
+    low, high = (np.concatenate(column) for column in zip(*boxes, strict=True))
+    coarsest = min(min(level for _, level in tree.open), 6)
+    shape = tree.root << coarsest
+    at = np.clip(((low + high) / 2 - tree.low) / tree.side * shape, 0, shape - 1).astype(np.int64)
+
+    grid = np.zeros(shape, dtype=bool)
+    grid[tuple(at.T)] = True
+    labels, count = label(grid, np.ones((3, 3, 3)))
+    of = labels[tuple(at.T)] - 1
+    lowest, highest = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lowest, of, low)
+    np.maximum.at(highest, of, high)
+    order = np.argsort(-(highest - lowest).max(1), kind="stable")
+    return tuple((tuple(lowest[k].tolist()), tuple(highest[k].tolist())) for k in order), n_open
+
+
+def _reached(tree: Octree, surface: TriangleSurface | None) -> tuple[tuple[bool, bool], ...]:
+    """Whether the surface ends at the faces of the box."""
+    if surface is None or not len(surface.vertices):
+        return ((False, False),) * 3
+    ends = tree.low, tree.low + tree.side
+    near = [np.isclose(surface.vertices, end, rtol=0, atol=1e-12 * tree.side.max()).any(0) for end in ends]
+    return tuple((bool(near[0][axis]), bool(near[1][axis])) for axis in range(3))
+
+
+def _counted(surface: TriangleSurface, reached: tuple[tuple[bool, bool], ...]) -> CountedComponents:
+    found = mesh_topology(surface.vertices, surface.faces)
+    is_sound = found.is_manifold and found.is_orientable and (found.is_closed or any(map(any, reached)))
+    if not is_sound:
+        raise AssertionError("a proven surface must be a manifold that ends at the faces of the box only")
+    return found.components

@@ -99,8 +99,8 @@ class TopologyReport:
         solid_betti: Betti numbers (components, tunnels, cavities) of the solid that a closed surface bounds, else None.
         boundary_loops: number of boundary loops, or None if they were not counted.
         closed: whether the surface is closed, as far as its samples show.
-        verdict: "certain" is proven by counting; "likely" means that independent evidence agrees; "unsure" means that
-            it does not, that there is too little of it, or that a cloud is open.
+        verdict: "certain" is proven, by counting or by bounds; "likely" means that independent evidence agrees;
+            "unsure" means that it does not, that there is too little of it, or that a cloud is open.
         reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
         estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, or None if it was not computed.

@@ -201,8 +201,13 @@ class _Slope:
         new[torch.arange(len(box), device=new.device), entry] = half[box, entry]
         is_off = factor == 0  # nothing comes through, not even what is not known
         kinks = torch.where(is_off[owner], 0.0, self.padded(len(owner)) * factor[owner])
-        passed = (torch.where(is_off, 0.0, factor * part) for part in (self.center, self.symbols, self.radius))
-        return _Slope(*passed, torch.cat((kinks, new))), torch.cat((owner, box))
+        back = _Slope(
+            torch.where(is_off, 0.0, factor * self.center),
+            torch.where(is_off, 0.0, factor * self.symbols),
+            torch.where(is_off, 0.0, factor * self.radius),
+            torch.cat((kinks, new)),
+        )
+        return back, torch.cat((owner, box))
 
 
 def _slope_form(form: Form, curve: Curve) -> Form:

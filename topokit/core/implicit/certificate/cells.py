@@ -152,26 +152,29 @@ class Octree:
         return rises(gradient, gradient.center[:, None], torch.from_numpy(self.touched(cells, level)))
 
 
-def rises(gradient: Zonotopes, directions: Tensor, touched: Tensor) -> Tensor:
+def rises(gradient: Zonotopes, directions: Tensor, touched: Tensor, slack: Tensor | None = None) -> Tensor:
     """Whether the function rises along directions, and along their projections to the faces of the box that are near.
 
     Args:
         gradient: N sets.
         directions: (N, J, 3), J for each.
         touched: (N, 3) whether the cell touches a face of the box across each axis.
+        slack: (N, J, 3) bounds of the errors of the directions, which are exact without.
 
     Returns:
         (N,) whether all do.
     """
-    found = (gradient.least(directions) > 0).all(1)
+    needed = torch.zeros(()) if slack is None else (slack * gradient.size[:, None]).sum(2)
+    found = (gradient.least(directions) > needed).all(1)
     at_faces = (touched.any(1) & found).nonzero()[:, 0]
     if len(at_faces):
         part, near, along = gradient.rows(at_faces), touched[at_faces], directions[at_faces]
+        needed = needed if slack is None else needed[at_faces]
         for crossed in product((False, True), repeat=3):
             axes = torch.tensor(crossed)
             if any(crossed):
                 applies = (near | ~axes).all(1)
-                is_above = (part.least(along.masked_fill(axes, 0.0)) > 0).all(1)
+                is_above = (part.least(along.masked_fill(axes, 0.0)) > needed).all(1)
                 found[at_faces] &= is_above | ~applies
     return found
 

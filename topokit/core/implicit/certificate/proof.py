@@ -56,6 +56,7 @@ from topokit.core.surface import TriangleSurface
 Place = tuple[Corner, Corner]
 _STEPS = 40  # of the search for a direction
 _CHUNK = 1 << 16  # leaves tested together
+_TOGETHER = 8  # tetrahedra of each, likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,28 +166,17 @@ def _all_rise(
     gradient: Zonotopes, mesh: Triangulation, tetrahedra: Integers, owner: Integers, touched: Booleans
 ) -> Booleans:
     """Condition S for each of n cells, with its variants at the faces of the box."""
-    n_cells = len(gradient.center)
-    most = np.bincount(owner, minlength=n_cells).max(initial=0)
-    first = np.searchsorted(owner, np.arange(n_cells))
-    place = np.arange(len(owner)) - first[owner]
-    passed = np.ones(n_cells, dtype=bool)
-    for start in range(0, most, 8):  # of all tetrahedra of a cell eight at a time; missing ones repeat its first
-        wanted = first[:, None] + np.minimum(
-            np.arange(start, start + 8), (np.bincount(owner, minlength=n_cells) - 1)[:, None]
-        )
-        rows = np.nonzero(place[wanted[:, 0]] >= 0)[0]
-        chosen = torch.from_numpy(tetrahedra[wanted[rows]])
-        directions, slack = mesh.gradient[chosen], mesh.slack[chosen]
-        passed &= (_rises_by(gradient, directions, slack, torch.from_numpy(touched))).numpy()
-    result: Booleans = passed
-    return result
-
-
-def _rises_by(gradient: Zonotopes, directions: Tensor, slack: Tensor, touched: Tensor) -> Tensor:
-    """Whether cells rise along directions that have rounding errors."""
-    sure = rises(gradient, directions, touched)
-    error = (slack * gradient.size[:, None]).sum(2)
-    return sure & (gradient.least(directions) > error).all(1)
+    count = np.bincount(owner, minlength=len(touched))
+    first = np.cumsum(count) - count
+    passed: Booleans = count > 0
+    for start in range(0, int(count.max(initial=0)), _TOGETHER):
+        cells = np.nonzero(count > start)[0]
+        wanted = np.minimum(np.arange(start, start + _TOGETHER), count[cells, None] - 1)  # the last is repeated
+        chosen = torch.from_numpy(tetrahedra[first[cells, None] + wanted])
+        near = torch.from_numpy(touched[cells])
+        part = gradient.rows(torch.from_numpy(cells))
+        passed[cells] &= rises(part, mesh.gradient[chosen], near, mesh.slack[chosen]).numpy()
+    return passed
 
 
 def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:

@@ -13,16 +13,17 @@ import topokit as tk
 
 def torus(x: Tensor) -> Tensor:
     """Signed distance to a torus."""
-    across = torch.stack((x[:, :2].norm(dim=1) - 0.55, x[:, 2]), dim=1)
+    across = torch.stack((x[:, :2].norm(dim=1) - 0.6, x[:, 2]), dim=1)
     return across.norm(dim=1) - 0.2
 
 
 def main() -> None:
     """Train, count on grids, and prove."""
     torch.manual_seed(0)
-    net = nn.Sequential(nn.Linear(3, 32), nn.ReLU(), nn.Linear(32, 32), nn.ReLU(), nn.Linear(32, 1))
-    optimizer = torch.optim.Adam(net.parameters(), lr=1e-2)
-    for _ in range(600):
+    hidden = [layer for _ in range(2) for layer in (nn.Linear(32, 32), nn.ReLU())]
+    net = nn.Sequential(nn.Linear(3, 32), nn.ReLU(), *hidden, nn.Linear(32, 1))
+    optimizer = torch.optim.Adam(net.parameters(), lr=5e-3)
+    for _ in range(1500):
         points = 2 * torch.rand(1024, 3) - 1
         loss = (net(points)[:, 0] - torus(points)).abs().mean()
         optimizer.zero_grad()

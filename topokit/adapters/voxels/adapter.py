@@ -22,7 +22,7 @@ from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.adapters.voxels.stored import not_a_volume
+from topokit.adapters.voxels.stored import not_a_volume, volume_axes
 from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.blocks.whole import count_solid
 from topokit.core.components import Corner
@@ -76,10 +76,11 @@ def from_voxels(
     the same result, and never held as a whole: its shape has a report, but no samples.
 
     Args:
-        volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that; a path
-            (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the folder of a DICOM series, or of TIFF slices, which
-            are stacked along the first axis); or an image of nibabel, SimpleITK or MONAI. An array of zarr, h5py, Dask
-            or TensorStore, or a `numpy.memmap`, is read block by block if it is large.
+        volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that, and of which
+            further axes of length one are left out; a path (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the
+            folder of a DICOM series, or of TIFF slices, which are stacked along the first axis); or an image of
+            nibabel, SimpleITK, MONAI or xarray. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is
+            read block by block if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
         level: voxels strictly above it are inside. Needed unless the volume is binary (then half of its higher value).
         connectivity: 6 (voxels of the solid join through faces) or 26 (also through edges and corners). The background
@@ -216,10 +217,14 @@ def open_volume(
 
 def _as_volume(volume: object) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
-    if values.ndim != 3 or values.numel() == 0:
+    axes = volume_axes(values.shape)
+    if len(axes) != 3 or values.numel() == 0:
         raise not_a_volume(values.shape)
+    values = values[tuple(slice(None) if axis in axes else 0 for axis in range(values.ndim))]
     if values.dtype == torch.uint64:
-        raise InputError(f"the volume is {values.dtype}, which cannot be ordered: convert it to int64 or float64.")
+        values = values.view(torch.int64)
+        if bool((values < 0).any()):
+            raise InputError("the volume is uint64 with values from 2⁶³ on, which have no order here: convert it.")
     return comparable(values)
 
 

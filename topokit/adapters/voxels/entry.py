@@ -106,7 +106,7 @@ VOXELS = Adapter(
     suffixes=suffixes_of(FORMATS),
     can_open=partial(is_certainly, FORMATS),
     types=(
-        *("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor"),
+        *("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor", "xarray.DataArray"),
         *("zarr.Array", "h5py.Dataset", "dask.array.Array"),
     ),
     extra="topokit[volumes]",

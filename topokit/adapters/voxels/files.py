@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
+from topokit.adapters.voxels.stored import volume_axes
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
 from topokit.inputs.files import head
@@ -34,7 +35,7 @@ def read_volume(path: Path) -> Volume:
         raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
     with reading(path, f"the {found.name} reader", extra="topokit[volumes]"):
         array, placement = pkgutil.resolve_name(found.read)(path)
-    if array.ndim != 3:
+    if array.ndim != 3 and len(volume_axes(array.shape)) != 3:
         one = "Of one slice give the folder with all slices, or pass topokit.from_voxels(array[None])."
         several = "Of several channels or times read the file and pass one of them: topokit.from_voxels(array[0])."
         hint = one if array.ndim == 2 else several

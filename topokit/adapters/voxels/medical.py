@@ -20,6 +20,7 @@ from torch import Tensor
 
 from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
+from topokit.adapters.voxels.stored import placement_of_xarray
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, MissingDependencyError, ReadError
@@ -53,8 +54,6 @@ def read_nifti(path: Path) -> Volume:
         image = nibabel.Nifti1Pair.from_filename(path) if is_pair else kind.from_bytes(data)
         check_nifti(path, image, _voxel_bytes(path, len(data)))
         array = np.asanyarray(image.dataobj)
-    if array.ndim == 4 and array.shape[3] == 1:
-        array = array[..., 0]
     return array, _of_nibabel(image)
 
 
@@ -145,24 +144,26 @@ def image_of(source: Any) -> tuple[Any, Placement | None] | None:
     """The voxels of an object that holds an image, and where they are.
 
     Args:
-        source: an image of nibabel, a `SimpleITK.Image`, or a `MetaTensor` of MONAI, with or without its channel.
+        source: an image of nibabel, a `SimpleITK.Image`, an `xarray.DataArray`, or a `MetaTensor` of MONAI, with or
+            without its channel.
 
     Returns:
         Voxels (X, Y, Z) as an array or tensor, and where they are or None; None for other objects.
 
     Raises:
-        InputError: if it has several channels.
+        InputError: if it has several channels, or coordinates of xarray that are not evenly spaced.
     """
     affine = getattr(source, "affine", None)
     if hasattr(source, "dataobj") and affine is not None:
-        values = np.asanyarray(source.dataobj)
-        return values[..., 0] if values.ndim == 4 and values.shape[3] == 1 else values, _of_nibabel(source)
+        return np.asanyarray(source.dataobj), _of_nibabel(source)
     if isinstance(source, Tensor) and isinstance(affine, Tensor):
         plain = source.as_tensor() if hasattr(source, "as_tensor") else source
         matrix = affine.detach().cpu().double().numpy()
         return _only_channel(plain), Placement.of_affine(
             matrix, "mm", str(getattr(source, "meta", {}).get("space", "RAS"))
         )
+    if hasattr(source, "dims") and hasattr(source, "coords") and hasattr(source, "values"):
+        return np.asarray(source.values), placement_of_xarray(source)
     if hasattr(source, "GetSpacing") and hasattr(source, "GetNumberOfComponentsPerPixel"):
         return itk_array(source)
     return None

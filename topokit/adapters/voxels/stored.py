@@ -35,6 +35,16 @@ def not_a_volume(shape: Sequence[int]) -> InputError:
     return InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.{hint}")
 
 
+def volume_axes(shape: Sequence[int]) -> tuple[int, ...]:
+    """The axes of an array that are those of a volume: all but as many of length one as there are too many.
+
+    So times and channels of which there is one are left out: axes 2, 3 and 4 of (1, 1, Z, Y, X).
+    """
+    n_too_many = len(shape) - 3
+    ones = [axis for axis, n in enumerate(shape) if n == 1][: max(0, n_too_many)]
+    return tuple(axis for axis in range(len(shape)) if axis not in ones)
+
+
 class StoredVolume(ABC):
     """A volume that is read box by box.
 
@@ -49,18 +59,26 @@ class StoredVolume(ABC):
     placement: Placement | None = None
 
     def __init__(self, name: str, shape: Sequence[int], dtype: DTypeLike, chunks: Sequence[int] | Lengths) -> None:
-        """Args: see the class; chunks may also be given as one length for each axis.
+        """Args: see the class and, for more than three axes, `volume_axes`; chunks may be one length for each axis.
 
         Raises:
             InputError: if this is no volume of real numbers.
         """
-        if len(shape) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
+        axes = volume_axes(shape)
+        if len(axes) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
             raise not_a_volume(shape)
-        x, y, z = map(int, shape)
+        x, y, z = (int(shape[axis]) for axis in axes)
+        chunks = tuple(chunks[axis] for axis in axes)  # type: ignore[assignment]
+        self._index = tuple(slice(None) if axis in axes else 0 for axis in range(len(shape)))
         self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
         if self.dtype.kind not in "biuf":
             raise InputError(f"the volume must hold real numbers, got {self.dtype}.")
         self.chunks = tuple(_lengths(chunks[axis], n) for axis, n in enumerate(self.shape))
+
+    def _slices(self, box: Box) -> tuple[slice | int, ...]:
+        """How the array that holds the volume is indexed to get a box."""
+        sides = iter(box)
+        return tuple(slice(*next(sides)) if isinstance(one, slice) else one for one in self._index)
 
     @property
     def n_voxels(self) -> int:
@@ -103,7 +121,7 @@ class IndexedVolume(StoredVolume):
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
         with reading(self.name, f"the library {self._library!r}", RuntimeError, MemoryError):
-            return np.asarray(self._array[_slices(box)])
+            return np.asarray(self._array[self._slices(box)])
 
 
 class MemoryVolume(IndexedVolume):
@@ -119,7 +137,7 @@ class DaskVolume(IndexedVolume):
 
     def at(self, box: Box) -> Any:
         """See `StoredVolume`; a Dask array, which is computed before the worker gets it."""
-        return self._array[_slices(box)]
+        return self._array[self._slices(box)]
 
 
 class HdfVolume(StoredVolume):
@@ -139,7 +157,7 @@ class HdfVolume(StoredVolume):
                 import h5py
 
                 self._dataset = h5py.File(self._path, "r")[self._place]
-            return np.asarray(self._dataset[_slices(box)])
+            return np.asarray(self._dataset[self._slices(box)])
 
     def __getstate__(self) -> dict[str, Any]:
         """What is sent to another process: all but the open file."""
@@ -153,15 +171,16 @@ class MappedVolume(StoredVolume):
         """Args: a memory map that is no slice of another one, and what to call it."""
         self._path = Path(str(mapped.filename))
         self._offset, self._order = mapped.offset, "F" if mapped.flags.f_contiguous else "C"
+        self._whole_shape = mapped.shape
         chunks = _contiguous(mapped.shape)
         super().__init__(name, mapped.shape, mapped.dtype, chunks[::-1] if self._order == "F" else chunks)
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
         with reading(self._path, "the NumPy reader"):
-            shape: Any = self.shape
+            shape: Any = self._whole_shape
             order: Any = self._order
-            return np.array(np.memmap(self._path, self.dtype, "r", self._offset, shape, order)[_slices(box)])
+            return np.array(np.memmap(self._path, self.dtype, "r", self._offset, shape, order)[self._slices(box)])
 
 
 class PartOfVolume(StoredVolume):
@@ -190,6 +209,11 @@ class PartOfVolume(StoredVolume):
 def stored_array(volume: object) -> StoredVolume | None:
     """An array that can be read box by box; None for what is in memory already, or is no array."""
     kind = type(volume).__module__.partition(".")[0]
+    if kind == "xarray" and hasattr(volume, "coords"):
+        found = stored_array(volume.data)  # type: ignore[attr-defined]
+        if found is not None:
+            found.placement = placement_of_xarray(volume)
+        return found
     if kind == "h5py" and hasattr(volume, "file"):
         return HdfVolume(volume)
     if kind == "dask" and hasattr(volume, "dask"):
@@ -201,6 +225,26 @@ def stored_array(volume: object) -> StoredVolume | None:
     return (
         IndexedVolume(volume) if is_array and not isinstance(volume, np.ndarray | Tensor) and _is_lazy(volume) else None
     )
+
+
+def placement_of_xarray(array: Any) -> Placement | None:
+    """Where the voxels of an `xarray.DataArray` are by the coordinates of its axes; None if an axis has none.
+
+    Raises:
+        InputError: if they are not evenly spaced.
+    """
+    names = [array.dims[axis] for axis in volume_axes(array.shape)]
+    if len(names) != 3 or not all(name in array.coords and array.sizes[name] > 1 for name in names):
+        return None
+    ticks = [np.asarray(array.coords[name].values, dtype=float) for name in names]
+    steps = [(one[-1] - one[0]) / (len(one) - 1) for one in ticks]
+    for name, one, step in zip(names, ticks, steps, strict=True):
+        if not np.allclose(np.diff(one), step, rtol=1e-3, atol=0):
+            raise InputError(f"the coordinates along {name!r} are not evenly spaced: interpolate them first.")
+    units = {str(array.coords[name].attrs.get("units", "")) for name in names}
+    affine = np.diag([*steps, 1.0])
+    affine[:3, 3] = [one[0] for one in ticks]
+    return Placement.of_affine(affine, units.pop() if len(units) == 1 else "")
 
 
 def in_memory_array(volume: object) -> StoredVolume:
@@ -241,7 +285,3 @@ def _clipped(lengths: Sequence[int], start: int, stop: int) -> tuple[int, ...]:
     ends = list(accumulate(lengths, initial=0))
     parts = (min(b, stop) - max(a, start) for a, b in pairwise(ends))
     return tuple(part for part in parts if part > 0)
-
-
-def _slices(box: Box) -> tuple[slice, ...]:
-    return tuple(slice(*side) for side in box)

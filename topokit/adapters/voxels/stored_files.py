@@ -18,6 +18,7 @@ from topokit.adapters.voxels.stored import (
     StoredVolume,
     in_memory_array,
     stored_array,
+    volume_axes,
 )
 from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, check_zarr, refuse_links
 from topokit.core.arrays import Floats
@@ -74,7 +75,7 @@ def readable_in_blocks(volume: Any) -> StoredVolume:
 
 def npy_volume(path: Path, dataset: str | None) -> StoredVolume | None:
     """An array of three axes as a memory map; there is no data set to choose."""
-    if len(array_shapes(path).get("", ())) != 3:
+    if len(volume_axes(array_shapes(path).get("", ()))) != 3:
         return None
     with reading(path, "the NumPy reader"):
         return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name)
@@ -117,11 +118,15 @@ def _levels(group: Any) -> dict[str, Placement | None]:
     """
     attributes = dict(group.attrs)
     images = attributes.get("ome", attributes).get("multiscales") or [{}]
-    units = [axis.get("unit", "") for axis in images[0].get("axes", ()) if isinstance(axis, dict)]
+    axes = [axis if isinstance(axis, dict) else {} for axis in images[0].get("axes", ())]
+    spatial = [number for number, axis in enumerate(axes) if axis.get("type", "space") == "space"]
+    units = [axes[number].get("unit", "") for number in spatial]
     found: dict[str, Placement | None] = {}
     for level in images[0].get("datasets", ()):
         given = {one.get("type"): one for one in level.get("coordinateTransformations", ())}
         scale, first = (np.asarray(given.get(name, {}).get(name, ()), dtype=float) for name in ("scale", "translation"))
+        if len(scale) == len(axes):
+            scale, first = scale[spatial], first[spatial] if len(first) == len(axes) else first
         found[level["path"]] = _ome_placement(scale, first, units)
     return found
 
@@ -169,7 +174,7 @@ def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], dataset: str |
     """The path of the array that is wanted, or of the only volume."""
     if dataset is not None and dataset.strip("/") in shapes:
         return dataset.strip("/")
-    volumes = [name for name, shape in shapes.items() if len(shape) == 3]
+    volumes = [name for name, shape in shapes.items() if len(volume_axes(shape)) == 3]
     if dataset is None and len(volumes) == 1:
         return volumes[0]
     held = ", ".join(_described(shapes)) or "no array"

@@ -53,6 +53,8 @@ class Given:
     connectivity: Annotated[Text, _of("Volumes: 6 or 26.")] = None
     spacing: Annotated[Text, _of("Volumes: size of a voxel, as 0.5 or 1,1,2.")] = None
     origin: Annotated[Text, _of("Volumes: position of the first voxel, as 0,0,-40.")] = None
+    periodic: Annotated[Text, _of("Volumes: axes whose ends touch, as true or true,true,false.")] = None
+    edges: Annotated[Text, _of("Volumes: cut-out if they were cut from a larger body; else solid.")] = None
     dataset: Annotated[Text, _of("Volumes: path of the array in a zarr group or HDF5 file.")] = None
     block_voxels: Annotated[
         Text, _of("Volumes and networks: count block by block, with at most so many voxels in a block.")

@@ -111,7 +111,7 @@ def test_boxes_that_are_none_are_refused() -> None:
 
 def test_the_shell_takes_boxes(tmp_path: object) -> None:
     np.save(f"{tmp_path}/p.npy", cells("P", 16, 1))
-    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "-O", "periodic=true"])
+    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "--periodic", "true"])
     assert "3 tunnels" in found.stdout, found.stderr
-    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "-O", "edges=cut-out"])
+    found = CliRunner().invoke(app, ["report", f"{tmp_path}/p.npy", "--edges", "cut-out"])
     assert "larger body" in found.stdout, found.stderr

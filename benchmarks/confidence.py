@@ -4,9 +4,11 @@
     python benchmarks/confidence.py fit answers.jsonl [--diagram docs/pictures/reliability.png]
 
 DATA holds index.json and the closed meshes that it names with their Euler characteristic. A draw is a shape (one of
-these, or more often a random solid of `random_solids.py`), a number of points from 50 to 200 000, noise from 0 to
-1 % of the longest side, with or without normals. `collect` continues a file that it finds. `fit` leaves whole shapes
-out: every probability that it shows comes from a model that has not seen the shape.
+these, a random solid of `random_solids.py`, or a solid of `planted.py` whose features are 0.2 to 20 sample spacings
+wide), a number of points from 150 to 40 000, a pattern of samples, noise from 0 to 2 % of the longest side, with or
+without normals. An answer is right if it is that of the solid without features narrower than the report's resolution.
+`collect` continues a file that it finds. `fit` leaves whole families out: every probability that it shows comes from a
+model that has seen no shape of the family. Needs manifold3d and open3d.
 """
 
 from __future__ import annotations
@@ -23,20 +25,27 @@ import numpy as np
 import torch
 import trimesh
 from numpy.typing import NDArray
+from planted import FAMILIES, Planted, planted
+from random_solids import random_solid
+from scale_truth import right_at_scale
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 import topokit as tk
 from topokit.report.confidence import EVIDENCE, cloud_evidence
 
 Floats = NDArray[np.float64]
 
-SIZES = (50, 150, 500, 1_500, 3_000, 10_000, 30_000, 100_000, 200_000)
-SIZE_SHARES = (0.1, 0.1, 0.1, 0.15, 0.2, 0.25, 0.04, 0.03, 0.03)  # the large ones cost most
-NOISES = (0.0, 0.0025, 0.005, 0.01)
-NOISE_SHARES = (0.55, 0.15, 0.2, 0.1)
-ORIENTED_SHARE = 1 / 3  # of the draws without noise
-REAL_SHARE = 0.2  # of the draws are from the meshes of DATA
-N_SOLIDS = 300  # random solids among which the draws choose
+SIZES = (150, 500, 1_500, 3_000, 6_000, 10_000, 40_000)
+SIZE_SHARES = (0.05, 0.1, 0.15, 0.25, 0.2, 0.2, 0.05)  # the large ones cost most
+NOISES = (0.0, 0.0025, 0.005, 0.01, 0.02)
+NOISE_SHARES = (0.5, 0.15, 0.2, 0.1, 0.05)
+PATTERNS = ("random", "farthest", "cells", "uneven")
+PATTERN_SHARES = (0.7, 0.12, 0.1, 0.08)
+ORIENTED_SHARE = 1 / 4  # of the draws without noise
+KINDS = ("real", "solid", "planted")
+KIND_SHARES = (0.2, 0.2, 0.6)
+N_SOLIDS = 60  # random solids among which the draws choose
 RIDGE = 0.02  # weight of the squared coefficients, per answer: keeps unimportant evidence near zero
 MOST_WRONG = 0.02  # share of the likely answers that may be wrong
 
@@ -46,20 +55,28 @@ class Draw:
     """One sampling of one shape; the same for the same number."""
 
     number: int
+    family: str
     shape: str
     n_points: int
     noise: float
     oriented: bool
+    pattern: str
 
 
 def draws(count: int, names: Sequence[str]) -> Iterator[Draw]:
     """Random draws, each from its own generator."""
     for number in range(count):
-        rng = np.random.default_rng([11, number])
-        real = rng.random() < REAL_SHARE
-        shape = str(names[rng.integers(len(names))]) if real else f"solid {rng.integers(N_SOLIDS)}"
+        rng = np.random.default_rng([12, number])
+        family = str(rng.choice(KINDS, p=KIND_SHARES))
         n_points, noise = int(rng.choice(SIZES, p=SIZE_SHARES)), float(rng.choice(NOISES, p=NOISE_SHARES))
-        yield Draw(number, shape, n_points, noise, bool(noise == 0 and rng.random() < ORIENTED_SHARE))
+        oriented = bool(noise == 0 and rng.random() < ORIENTED_SHARE)
+        pattern = str(rng.choice(PATTERNS, p=PATTERN_SHARES))
+        if family == "planted":
+            family = str(rng.choice(list(FAMILIES)))
+            shape = f"{family} {number}"
+        else:
+            shape = str(rng.choice(names)) if family == "real" else f"solid {rng.integers(N_SOLIDS)}"
+        yield Draw(number, family, shape, n_points, noise, oriented, pattern)
 
 
 def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
@@ -70,28 +87,67 @@ def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def mesh_of(draw: Draw, folder: Path, rows: dict[str, dict[str, Any]]) -> tuple[trimesh.Trimesh, int]:
-    """The mesh of a draw and its Euler characteristic."""
-    if draw.shape in rows:
+def solid_of(draw: Draw, folder: Path, rows: dict[str, dict[str, Any]]) -> Planted:
+    """The mesh of a draw, its Euler characteristic, and what is known of its features."""
+    if draw.family in FAMILIES:
+        return planted(draw.family, draw.number, draw.n_points)
+    if draw.family == "real":
         shape = tk.from_mesh(folder / rows[draw.shape]["path"])
         assert shape.mesh is not None
-        return trimesh.Trimesh(*(part.numpy() for part in shape.mesh), process=False), rows[draw.shape]["chi"]
-    from random_solids import random_solid
-
+        mesh = trimesh.Trimesh(*(part.numpy() for part in shape.mesh), process=False)
+        return Planted(mesh, rows[draw.shape]["chi"], ())
     mesh = random_solid(int(draw.shape.split()[1]))
-    return mesh, mesh.euler_number
+    return Planted(mesh, mesh.euler_number, ())
 
 
-def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
+def sampled(mesh: trimesh.Trimesh, draw: Draw) -> tuple[Floats, NDArray[np.int64]]:
+    """Points (n, 3) of a mesh in the pattern of a draw, without noise, and the face of each."""
+    if draw.pattern == "random":
+        return trimesh.sample.sample_surface(mesh, draw.n_points, seed=draw.number)
+    many = (4 if draw.pattern == "cells" else 3) * draw.n_points
+    points, face = trimesh.sample.sample_surface(mesh, many, seed=draw.number)
+    rng = np.random.default_rng([13, draw.number])
+    if (
+        draw.pattern == "farthest"
+    ):  # by elimination on a lattice: one point in each cell of half a spacing, then the farthest
+        kept = farthest(points, min(draw.n_points, 3_000), rng)
+    elif draw.pattern == "cells":
+        side = np.sqrt(mesh.area / draw.n_points)
+        kept = np.unique(np.floor(points / side), axis=0, return_index=True)[1]
+    else:
+        height = points @ Rotation.random(rng=rng).as_matrix()[0]
+        density = np.exp(-2.5 * (height - height.min()) / np.ptp(height))  # twelve times fewer at one end
+        kept = rng.choice(many, draw.n_points, replace=False, p=density / density.sum())
+    return points[kept], face[kept]
+
+
+def farthest(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Indices of farthest-point samples."""
+    kept = [int(rng.integers(len(points)))]
+    distance = np.full(len(points), np.inf)
+    for _ in range(count - 1):
+        distance = np.minimum(distance, ((points - points[kept[-1]]) ** 2).sum(1))
+        kept.append(int(distance.argmax()))
+    return np.array(kept)
+
+
+def is_right(solid: Planted, report: tk.TopologyReport) -> bool:
+    """Whether a report's integer is that of the solid without features narrower than its resolution."""
+    if report.euler is None or report.resolution is None:
+        return False
+    known = solid.right_at(report.euler, report.resolution)
+    return known if known or solid.features else right_at_scale(solid.mesh, report.euler, report.resolution)
+
+
+def answer(draw: Draw, solid: Planted) -> dict[str, Any]:
     """What the report says of a draw, with its evidence."""
-    points, face = trimesh.sample.sample_surface(mesh, draw.n_points, seed=draw.number)
-    points = np.asarray(points, dtype=np.float64)
-    points = (
-        points
-        + np.random.default_rng(draw.number).normal(size=points.shape) * draw.noise * np.ptp(points, axis=0).max()
-    )
+    mesh = solid.mesh
+    clean, face = sampled(mesh, draw)
+    points = np.asarray(clean, dtype=np.float64)
+    length = np.ptp(points, axis=0).max()
+    points = points + np.random.default_rng(draw.number).normal(size=points.shape) * draw.noise * length
     normals = torch.from_numpy(mesh.face_normals[face].copy()) if draw.oriented else None
-    started = time.perf_counter()
+    started = time.process_time()
     shape = tk.from_points(torch.from_numpy(points), normals=normals)
     report = shape.report()
     found = shape._known.examination()
@@ -99,9 +155,12 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
     closed = witness is not None and report.closed and witness.wire is None
     return {
         **vars(draw),
-        "truth": euler,
+        "truth": int(solid.euler),
         "euler": report.euler,
+        "right": is_right(solid, report),
         "verdict": report.verdict,
+        "resolution": report.resolution,
+        "spacing": None if witness is None else witness.spacing,
         "closed": closed,
         "evidence": cloud_evidence(witness) if witness is not None and closed else None,
         "votes": [(vote.family, vote.eulers) for vote in witness.votes] if witness is not None else [],
@@ -110,8 +169,9 @@ def answer(draw: Draw, mesh: trimesh.Trimesh, euler: int) -> dict[str, Any]:
         "source": None if witness is None else witness.signs.source,
         "wire": witness is not None and witness.wire is not None,
         "repeated": witness is not None and witness.is_repeated,
+        "widened": witness is not None and witness.is_widened,
         "boundaries": len(boundary.curves),
-        "seconds": round(time.perf_counter() - started, 2),
+        "seconds": round(time.process_time() - started, 2),
     }
 
 
@@ -123,7 +183,7 @@ def collect(options: argparse.Namespace) -> None:
     with options.out.open("a") as file:
         for draw in draws(options.draws, sorted(rows)):
             if draw.number % parts == part and draw.number not in known:
-                file.write(json.dumps(answer(draw, *mesh_of(draw, options.data, rows))) + "\n")
+                file.write(json.dumps(answer(draw, solid_of(draw, options.data, rows))) + "\n")
                 file.flush()
 
 
@@ -159,11 +219,11 @@ def probabilities(coefficients: Floats, evidence: Floats) -> Floats:
     return np.asarray(1 / (1 + np.exp(-(coefficients[0] - evidence @ coefficients[1:]))))
 
 
-def left_out(evidence: Floats, right: Floats, shapes: NDArray[np.str_]) -> Floats:
-    """(m,) probabilities, each from a model fitted to all other shapes."""
+def left_out(evidence: Floats, right: Floats, families: NDArray[np.str_]) -> Floats:
+    """(m,) probabilities, each from a model fitted to all other families."""
     result = np.empty(len(right))
-    for shape in np.unique(shapes):
-        own = shapes == shape
+    for family in np.unique(families):
+        own = families == family
         result[own] = probabilities(fit_model(evidence[~own], right[~own]), evidence[own])
     return result
 
@@ -189,27 +249,31 @@ def print_rows(title: str, probability: Floats, right: Floats, limit: float) -> 
 
 
 def fit(options: argparse.Namespace) -> None:
-    """Fit, validate with whole shapes left out, print everything."""
+    """Fit, validate with whole families left out, print everything."""
     rows = [row for path in options.answers for row in read_rows(path) if row["evidence"] is not None]
     evidence = np.array([[one.of(row["evidence"][name]) for name, one in EVIDENCE.items()] for row in rows])
-    right = np.array([float(row["euler"] == row["truth"]) for row in rows])
-    shapes = np.array([row["shape"] for row in rows])
-    probability = left_out(evidence, right, shapes)
+    right = np.array([float(row["right"]) for row in rows])
+    families = np.array([row["family"] for row in rows])
+    probability = left_out(evidence, right, families)
     limit = likely_limit(probability, right)
-    print(f"{len(rows)} answers on {len(set(shapes))} shapes; every probability from models without the answer's shape")
+    n_exact = sum(row["euler"] == row["truth"] for row in rows)
+    print(
+        f"{len(rows)} answers, {n_exact} right for all features; probabilities from models without the answer's family"
+    )
     print(f"likely from {limit:.3f}\n")
     print(f"{'':<24}{'n':>6}{'right':>8}{'Brier':>8}{'base':>8}{'likely':>8}{'of right':>9}{'wrong':>7}")
     print_rows("all", probability, right, limit)
-    for key, values in (("n_points", SIZES), ("noise", NOISES), ("oriented", (True, False))):
+    for key, values in (
+        ("family", sorted(set(families))),
+        ("n_points", SIZES),
+        ("noise", NOISES),
+        ("pattern", PATTERNS),
+        ("oriented", (True, False)),
+    ):
         for value in values:
             own = np.array([row[key] == value for row in rows])
             if own.any():
                 print_rows(f"{key} {value}", probability[own], right[own], limit)
-    for title, own in (
-        ("real shapes", np.char.find(shapes, "solid ") < 0),
-        ("random solids", np.char.find(shapes, "solid ") == 0),
-    ):
-        print_rows(title, probability[own], right[own], limit)
     print("\nreliability: predicted, observed, answers")
     for low in np.arange(0, 1, 0.1):
         own = (probability >= low) & (probability < low + 0.1 + (low > 0.85))

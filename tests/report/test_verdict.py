@@ -57,6 +57,7 @@ CLOUD_RULES: dict[str, tuple[tuple[dict[str, Any], BoundaryEstimate], tuple[dict
         ({"quality": {"coverage": 0.6, "roughness": 0.5}}, rim()),
         ({"quality": {"coverage": 0.59, "roughness": 0.5}}, rim()),
     ),
+    "double": (({"quality": {"double": 0.15}}, rim()), ({"quality": {"double": 0.151}}, rim())),
     "confirmed": (({"signs": Signs("given", 0.9, None)}, rim()), ({"signs": Signs("given", 0.89, None)}, rim())),
     "rim": (({}, rim(0.05)), ({}, rim(0.051))),
     "points": (({"n_used": 50}, rim()), ({"n_used": 49}, rim())),
@@ -87,7 +88,7 @@ def test_the_confidence_decides_alone() -> None:
 
 
 def test_agreement_of_one_family_is_not_likely() -> None:
-    cuts_alone = a_witness(votes={"cut": 2, "smooth cut": 2, "coarse cut": 2})
+    cuts_alone = a_witness(votes={"cut": 2, "coarse cut": 2})
     checks = cloud_checks(cuts_alone, rim())
     assert "fields" in {check.name for check in checks if not check.passed}
     assert cloud_verdict(checks) == "unsure"
@@ -182,7 +183,7 @@ def test_a_level_set_is_likely_only_if_nothing_speaks_against_it(changes: dict[s
 
 
 def test_all_reasons_that_decide_come_first_and_no_others() -> None:
-    seen = a_witness(votes={"cut": 2, "smooth cut": 0, "field": 0}, quality={"crowded_wide": 1.0})
+    seen = a_witness(votes={"cut": 2, "coarse cut": 0, "shifted cut": 0, "field": 0}, quality={"crowded_wide": 1.0})
     checks = cloud_checks(seen, rim())
     failed = {check.name for check in checks if not check.passed}
     assert failed == {"confidence", "cuts", "fields"}

@@ -12,7 +12,7 @@ from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import SampleQuality, Vote
 from topokit.core.cloud.witness import Signs, Witness
 
-_COUNTS = {"cut": (3, 2), "smooth cut": (2, 2), "coarse cut": (2, 2), "shifted cut": (2, 2), "field": (3, 1)}
+_COUNTS = {"cut": (3, 2), "coarse cut": (4, 2), "shifted cut": (2, 2), "field": (3, 1)}
 """Settings of each family, and values of each vote."""
 
 
@@ -38,8 +38,8 @@ def a_witness(
         quality: fields of `SampleQuality` that differ from those of clean samples.
         changes: fields of `Witness` that differ.
     """
-    votes = {"cut": 2, "smooth cut": 2, "field": 2} if votes is None else votes
-    clean = SampleQuality(coverage=1.0, roughness=0.1, crowded_wide=0.0, crowded_boundary=0.0)
+    votes = {"cut": 2, "coarse cut": 2, "field": 2} if votes is None else votes
+    clean = SampleQuality(coverage=1.0, roughness=0.1, crowded_wide=0.0, crowded_boundary=0.0, double=0.0)
     seen = Witness(
         euler=2,
         agreement=1.0,

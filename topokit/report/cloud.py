@@ -16,7 +16,13 @@ from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
-from topokit.report.cloud_wording import check_sentences, crowding_sentences, far_sentences, preparation_sentences
+from topokit.report.cloud_wording import (
+    check_sentences,
+    confidence_sentences,
+    far_sentences,
+    preparation_sentences,
+    resolution_sentence,
+)
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import (
@@ -74,7 +80,13 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
-        reasons=(*deciding, *others, *crowding_sentences(witness), *preparation_sentences(witness)),
+        reasons=(
+            *deciding,
+            *others,
+            *confidence_sentences(witness),
+            resolution_sentence(witness),
+            *preparation_sentences(witness),
+        ),
         n_deciding=len(deciding),
         components=components,
         n_components=n_surfaces,
@@ -170,7 +182,7 @@ def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
         ("Delaunay cuts", CUT_FAMILIES),
         ("winding-number fields", ("field",)),
     )
-    n_values = sum(len(vote.eulers) for vote in witness.votes)
+    n_values = sum(len(values_of(witness.votes, *families)) for _, families in groups)
     rows = []
     for name, families in groups:
         values = values_of(witness.votes, *families)

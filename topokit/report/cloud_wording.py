@@ -46,6 +46,11 @@ _SENTENCES = {
         "for thin edges of a closed surface.",
     ),
     "genus": ("", "χ = {euler} is too large for {surfaces}: no genus fits it."),
+    "double": (
+        "",
+        "Around {value:.0%} of the points the samples look like two sheets that were taken for one: a wall or a gap is "
+        "thinner than the sample spacing.",
+    ),
     "confirmed": (
         "{value:.1%} of the given normals are confirmed by the points.",
         "Only {value:.1%} of the given normals are confirmed by the points.",
@@ -100,12 +105,24 @@ def _sentences(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tupl
     return tuple(sentence for sentence in found if sentence)
 
 
-def crowding_sentences(witness: Witness) -> tuple[str, ...]:
-    """How many samples have an opposite sheet nearby, which is a part of the confidence."""
+def confidence_sentences(witness: Witness) -> tuple[str, ...]:
+    """What the confidence counts beside the votes and the samples off the surface."""
     if witness.wire is not None:
         return ()
-    share = witness.quality.crowded_wide
-    return (f"{share:.2%} of the points see an opposite sheet within 2.5 sample spacings.",)
+    quality, coarse = witness.quality, values_of(witness.votes, "coarse cut")
+    return (
+        f"{coarse.count(witness.euler)} of {len(coarse)} cuts of half as many samples give it"
+        f"{_others(coarse, witness.euler)}.",
+        f"{quality.crowded_wide:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
+    )
+
+
+def resolution_sentence(witness: Witness) -> str:
+    """Which features the integer counts, and how many points would show narrower ones."""
+    seen = f"The evidence shows tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}"
+    if witness.preparation == "averaged":
+        return f"{seen}; noise hides narrower ones."
+    return f"{seen}; about {4 * witness.n_points} points would show those half as wide."
 
 
 def preparation_sentences(witness: Witness) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.votes import share_of, values_of
+from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
 
 SCALES: Mapping[str, Callable[[float], float]] = MappingProxyType(
     {
@@ -70,7 +70,7 @@ def cloud_evidence(witness: Witness) -> dict[str, float]:
     """The measured values of all evidence about a closed cloud."""
     quality, n_surfaces = witness.quality, witness.components + witness.cavities
     return {
-        "cuts": 1 - share_of(witness.euler, values_of(witness.votes, "cut", "shifted cut")),
+        "cuts": 1 - share_of(witness.euler, values_of(witness.votes, *CUT_FAMILIES)),
         "fields": 1 - share_of(witness.euler, values_of(witness.votes, "field")),
         "handles": max(n_surfaces - witness.euler / 2, 0.0) + max(n_surfaces - 1, 0),
         "crowded_wide": quality.crowded_wide,

@@ -57,7 +57,7 @@ class CountedAnswer:
             are those of its faces once pinched vertices are taken apart.
         verdict: how far the answer may be believed.
         reasons: sentences with their numbers.
-        resolution: size of the smallest feature that the count can see, in units of length; None if it is exact.
+        resolution: width of the narrowest feature that the count can see, in units of length; None if it is exact.
         further: additional evidence.
         n_deciding: how many of the first reasons decided the verdict.
         manifold: whether no edge has three faces and no vertex two fans, or None if that is unknown.
@@ -106,7 +106,9 @@ class TopologyReport:
         estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, or None if it was not computed.
         refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
         solid: the solid that a mesh encloses by winding number, or None if it was not computed.
-        resolution: size of the smallest feature that the evidence can see, in units of length; None if it is exact.
+        resolution: width of the narrowest feature that the evidence can see, in units of length; None if it is exact.
+            The width of a tunnel, wall, gap, cavity or part is the diameter of the largest ball that fits at its
+            narrowest place. A likely integer counts features wider than this; narrower ones may be counted or not.
         per_component: what is known about each component, largest area first.
         n_deciding: how many of the first reasons decided the verdict; they are marked wherever the report is shown.
         confidence: probability that `euler` is right: 1 for certain, calibrated for closed point clouds and splats,
@@ -175,7 +177,7 @@ class TopologyReport:
             solid = ", ".join(_solid_parts(self.solid_betti))
             return f"{solid} (χ of the solid {self.solid_euler}, of its surface {self.euler}), {self.verdict}"
         answer = "unknown" if self.euler is None else str(self.euler)
-        parts = [f"Euler characteristic {answer} ({self.verdict})"]
+        parts = [f"Euler characteristic {answer} ({self.verdict}{self._claim()})"]
         if self.genus is not None:
             parts.append(f"genus {self.genus}")
         parts.append(plural(self.components, "component"))
@@ -184,6 +186,12 @@ class TopologyReport:
             pieces, tunnels, cavities = _solid_parts(self.solid_betti)
             parts.append(f"bounding a solid of {pieces} with {tunnels} and {cavities}")
         return ", ".join(parts)
+
+    def _claim(self) -> str:
+        """Which features a likely integer counts."""
+        if self.verdict != "likely" or self.resolution is None:
+            return ""
+        return f", for features wider than {self.resolution:.2g}"
 
     @property
     def _has_details(self) -> bool:

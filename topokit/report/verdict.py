@@ -67,6 +67,14 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             0.65, "at least", "share of fields", "winding-number fields that give the integer, 0 of none", _ONE_DRAW
         ),
         "coverage": Threshold(0.6, "at least", "share of samples", "samples on the surface that was found", _ONE_DRAW),
+        "double": Threshold(
+            0.15,
+            "at most",
+            "share of neighborhoods",
+            "points that look like two sheets that were taken for one",
+            "closed real meshes, 10 000 random points: at most 0.11 (a thin tube); shells with walls of 0.3 to 0.6 "
+            "spacings, taken for solids by all votes: at least 0.27 (benchmarks/planted.py)",
+        ),
         "confirmed": Threshold(0.9, "at least", "share of normals", "given normals that the points confirm", _ONE_DRAW),
         "rim": Threshold(
             0.05,
@@ -212,6 +220,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
         _check("fields", share_of(euler, values_of(witness.votes, "field"))),
         _check("coverage", witness.quality.coverage),  # the calibration has no likely one below 0.74
         _check("rim", boundary.rim_share),  # the calibration has no points along lines
+        *_unless_passed("double", witness.quality.double),
         *_unless_passed("points", float(witness.n_used)),
         *_unless_passed("rounding", witness.rounding / witness.spacing),
     ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from topokit.core.cloud.fields import field_tasks, parts_apart
+from topokit.core.cloud.fields import MOST_PARTS, field_tasks, parts_apart
 from topokit.core.cloud.settings import CloudSettings, FieldSettings, SamplingSettings
 from topokit.core.cloud.votes import values_of
 from topokit.core.cloud.witness import global_witness
@@ -71,10 +71,10 @@ def test_one_grid_has_the_cells_and_smoothing_of_its_setting() -> None:
 def test_parts_within_each_other_share_a_grid() -> None:
     inner, outer, far = SPHERE.points.numpy(), 3 * SPHERE.points.numpy(), SPHERE.points.numpy() + 20.0
     points, parts = np.concatenate((inner, far, outer)), np.repeat([7, 3, 5], len(inner))
-    groups = parts_apart(points, parts, 0.5, SETTINGS.most_parts)
+    groups = parts_apart(points, parts, 0.5, MOST_PARTS)
     assert groups[0] == groups[-1] != groups[len(inner)]
-    assert set(parts_apart(points, parts, 100.0, SETTINGS.most_parts)) == {0}
-    assert len(set(parts_apart(points, np.arange(len(points)), 0.5, SETTINGS.most_parts))) == 1  # each a stray point
+    assert set(parts_apart(points, parts, 100.0, MOST_PARTS)) == {0}
+    assert len(set(parts_apart(points, np.arange(len(points)), 0.5, MOST_PARTS))) == 1  # each a stray point
     assert set(parts_apart(points, parts, 0.5, most=2)) == {0}
 
 

@@ -15,7 +15,7 @@ from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.errors import InputError
-from topokit.report.cloud_wording import check_sentences, crowding_sentences, preparation_sentences
+from topokit.report.cloud_wording import check_sentences, confidence_sentences, preparation_sentences
 from topokit.report.verdict import cloud_checks, cloud_verdict
 from topokit.testing import genus_mesh, sphere_samples, torus_samples
 
@@ -83,7 +83,7 @@ def test_smooth_shapes_are_right_and_likely(make: type, euler: int, parts: tuple
 def test_reasons_are_sentences_with_numbers() -> None:
     found = global_witness(sphere(1500)[0])
     checked = check_sentences(cloud_checks(found, NO_BOUNDARY), found)
-    sentences = (*checked[0], *checked[1], *crowding_sentences(found), *preparation_sentences(found))
+    sentences = (*checked[0], *checked[1], *confidence_sentences(found), *preparation_sentences(found))
     assert len(sentences) > 5
     for sentence in sentences:
         assert sentence[0].isupper() or sentence[0].isdigit()
@@ -156,7 +156,7 @@ def test_an_open_half_sphere_of_few_points_gets_all_votes() -> None:
     points, normals = sphere(1000)
     upper = points[:, 2] > 0
     found = global_witness(points[upper], normals[upper])
-    assert [vote.family for vote in found.votes] == ["cut"] * 3 + ["smooth cut"] * 2 + ["field"] * 3
+    assert [vote.family for vote in found.votes] == ["cut"] * 3 + ["coarse cut"] * 4 + ["field"] * 3
     assert found.n_used == int(upper.sum())
 
 

@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Task = Callable[[], list[tuple[int, int]]]
 
+MOST_PARTS = 256
+"""Parts that may lie apart: of more, each is a stray piece, and none get grids of their own."""
+
 
 @dataclass(frozen=True, eq=False)
 class _Layer:
@@ -81,7 +84,7 @@ def _on_grids_of_parts(
     layer: _Layer, points: Floats, spacing: float, parts: Callable[[], Integers], settings: FieldSettings
 ) -> list[tuple[int, int]]:
     """The same on grids of one cell per spacing; nothing if they have too many vertices or too large cells."""
-    labels = parts_apart(points, parts(), settings.apart * spacing, settings.most_parts)
+    labels = parts_apart(points, parts(), settings.apart * spacing, MOST_PARTS)
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(labels))[:-1])
     layers = [layer.at(rows) for rows in groups if len(rows) >= FEWEST_POINTS]  # fewer bound nothing

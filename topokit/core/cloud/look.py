@@ -87,8 +87,17 @@ class Look:
         least = own.lid * (self.feature(settings) / own.feature) ** 2
         return tuple(patch for patch in patches if patch.missing > least)
 
+    def resolution(self, settings: CloudSettings) -> float:
+        """Width of the narrowest feature that is seen wherever it is: samples may be sparse there.
+
+        Many points around few samples show where features are small, so that samples are dense there.
+        """
+        local = self.cloud.local
+        blur = (self.feature(settings) - settings.quality.feature) * local.spacing
+        return settings.quality.feature * max(local.finest, self.surface.coarsest) + blur
+
     def feature(self, settings: CloudSettings) -> float:
-        """Size of the smallest feature that is seen, in spacings of the samples."""
+        """Width of the narrowest feature that is seen where samples are spaced as usual, in their spacings."""
         own = settings.quality
         return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0)
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.cloud.normals.patches import Neighborhoods, turned_towards, unit
@@ -89,11 +90,17 @@ def orient_samples(
         if _is_believed(surface, is_on, carried.normals, samples, own):
             return Orientation(_outward(carried, surface, samples), carried.cut.coverage, (carried,))
         trials.append(carried)
-    cells = own.fine_cells_per_spacing * float(np.ptp(local.points, axis=0).max()) / local.spacing
+    longest = float(np.ptp(local.points, axis=0).max())
+    cells = own.fine_cells_per_spacing * longest / local.spacing
     coarse = min(own.coarse_cells, cells)  # between dipoles that are cells apart a field says nothing
-    for n_cells, iterations in ((coarse, own.coarse_iterations), (None, own.fine_iterations)):
-        direction = _field_directions(local, samples.areas, n_cells, iterations, own)
-        trials += [_trial(complex_, normals) for normals in _candidates(direction, samples, local, settings)]
+    fine = min(cells + 30, own.most_fine_cells)
+    for n_cells, iterations in ((coarse, own.coarse_iterations), (fine, own.fine_iterations)):
+        solver = DipoleSolver(local.points, samples.areas, longest / n_cells)
+        solved = solver.conjugate_gradients(own.sigmas[0], iterations)
+        turned = solver.alternate(solved, *own.sigmas, own.alternations)
+        directions = (turned,) if n_cells == coarse else (solved, turned)  # on thin sheets a turn may do harm
+        for dipoles in directions:
+            trials += [_trial(complex_, normals) for normals in _candidates(dipoles, samples, local, settings)]
         if max(trial.cut.coverage for trial in trials) < own.hidden:
             break  # a finer grid shows no surface either
     is_clean = max(trial.cut.coverage for trial in trials) >= own.interpolating
@@ -124,26 +131,15 @@ def _is_believed(
     size = np.bincount(samples.parts)
     is_part = size >= settings.smallest_part
     covered = np.bincount(samples.parts, is_on)[is_part] / size[is_part]
-    return contradicted <= settings.contradicted and min((is_on.mean(), *covered)) >= settings.interpolating
+    least = settings.believed if samples.is_all else settings.interpolating
+    return contradicted <= settings.contradicted and min((is_on.mean(), *covered)) >= least
 
 
-def _candidates(direction: Floats, samples: Samples, local: Neighborhoods, settings: CloudSettings) -> Iterator[Floats]:
-    """Normals (M, 3) that follow a field's directions: one by one, and by patches within which the signs agree."""
+def _candidates(dipoles: Tensor, samples: Samples, local: Neighborhoods, settings: CloudSettings) -> Iterator[Floats]:
+    """Normals (M, 3) that follow dipoles: one by one, and by patches within which the signs agree."""
+    direction = unit(dipoles.double().numpy())
     yield samples.refined(direction, local, settings)
     if samples.axes is not None and samples.signed is not None:
         along = (samples.signed * direction).sum(1)
         by_patch = np.where(np.bincount(samples.patches, samples.areas * along)[samples.patches] < 0, -1.0, 1.0)
         yield samples.signed * by_patch[:, None]
-
-
-def _field_directions(
-    local: Neighborhoods, areas: Floats, n_cells: float | None, iterations: int, settings: OrientationSettings
-) -> Floats:
-    """Unit outward directions (M, 3) from a field on one grid; by default one a bit finer than the spacing."""
-    longest = float(np.ptp(local.points, axis=0).max())
-    if n_cells is None:
-        n_cells = min(settings.fine_cells_per_spacing * longest / local.spacing + 30, settings.most_fine_cells)
-    solver = DipoleSolver(local.points, areas, longest / n_cells)
-    solved = solver.conjugate_gradients(settings.sigmas[0], iterations)
-    turned = solver.alternate(solved, *settings.sigmas, settings.alternations)
-    return unit(turned.double().numpy())

@@ -35,6 +35,7 @@ from topokit.core.cloud.votes import (
     complex_of,
     cut_votes,
     gather_votes,
+    share_of,
     surface_eulers,
     tally,
     values_of,
@@ -46,14 +47,17 @@ Floats = NDArray[np.float64]
 
 def look_again(look: Look, settings: CloudSettings) -> Look:
     """The same if all votes agree or if no surface shows; else what more, shifted or smoothed samples add."""
-    is_unanimous = tally(look.votes)[1] == 1
+    euler, share = tally(look.votes)
+    is_unanimous = share == 1
     is_noisy = look.found is not None and look.found.coverage < settings.orientation.interpolating
     if is_noisy and look.cloud.samples.is_all:
         return look if is_unanimous and not look.lids(settings) else _with_less_noise(look, settings)
     is_hidden = not look.has_given_signs and look.quality.coverage < settings.orientation.hidden
-    if is_unanimous or is_hidden:
+    has_converged = share_of(euler, values_of(look.votes, "coarse cut")) == 1
+    if is_hidden or (is_unanimous and has_converged):
         return look
-    return _with_more_samples(look, settings) or _with_shifts(look, settings)
+    more = _with_more_samples(look, settings)
+    return more or (look if is_unanimous else _with_shifts(look, settings))
 
 
 def _with_more_samples(look: Look, settings: CloudSettings) -> Look | None:

@@ -2,14 +2,14 @@
 
 Two independent families examine the same surface: minimum cuts of Delaunay tetrahedra of samples (several weights,
 counted from inside and from outside) and winding-number fields on grids (several resolutions and smoothings), which
-vote where their grids are as fine as the samples. A second complex tests convergence: of samples moved onto the planes
-of their neighbors, or, of a large cloud, of half as many samples. The Euler characteristic of the surface is twice that
+vote where their grids are as fine as the samples. Cuts of half as many samples test convergence: they do not decide the
+integer, but what changes with the number of samples is doubtful. The Euler characteristic of the surface is twice that
 of the solid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
@@ -19,10 +19,10 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud.fields import Task, field_tasks
+from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import (
     Neighborhoods,
     Surface,
-    flattened,
     neighborhoods_of,
     opposite_neighbors,
 )
@@ -37,13 +37,16 @@ from topokit.core.processors import n_cores
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Family = Literal["cut", "smooth cut", "coarse cut", "shifted cut", "field"]
+Family = Literal["cut", "coarse cut", "shifted cut", "field"]
 
-CUT_FAMILIES: tuple[Family, ...] = ("cut", "smooth cut", "coarse cut", "shifted cut")
-"""The families of Delaunay cuts."""
+CUT_FAMILIES: tuple[Family, ...] = ("cut", "shifted cut")
+"""The families of Delaunay cuts of all samples."""
+
+DECIDING: tuple[Family, ...] = ("cut", "field")
+"""The families whose votes decide the integer."""
 
 IN_COMPARISON = 2
-"""So many of the cuts' weights are used on the second complex and on shifted samples."""
+"""So many of the cuts' weights are used on fewer and on shifted samples."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +54,8 @@ class Vote:
     """Euler characteristic of the surface under one setting.
 
     Attributes:
-        family: "cut" (the samples), "smooth cut" (the samples, moved onto the planes of their neighbors), "coarse cut"
-            (half as many samples of a large cloud), "shifted cut" (samples at positions that were not taken) or
-            "field".
+        family: "cut" (the samples), "coarse cut" (half as many samples), "shifted cut" (samples at positions that were
+            not taken) or "field".
         setting: index into the family's settings.
         eulers: counted from inside and from outside for a cut, one value for a field.
         n_samples: number of samples that it is made from.
@@ -74,12 +76,14 @@ class SampleQuality:
         roughness: median distance of neighbors from the local plane, in sample spacings.
         crowded_wide: share of the area with an opposite sheet within 2.5 spacings of all points.
         crowded_boundary: the same within 1.5 spacings of the points on which boundaries are looked for.
+        double: share of the neighborhoods that look like two sheets although their normals agree.
     """
 
     coverage: float
     roughness: float
     crowded_wide: float
     crowded_boundary: float
+    double: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +125,10 @@ def gather_votes(
         made: the cuts of the samples with the first weights that were made already.
     """
     with ThreadPoolExecutor(n_cores()) as threads:
-        comparison = threads.submit(_comparison_votes, cloud, settings)
+        coarse = threads.submit(_coarse_votes, cloud, settings)
         fields = [threads.submit(task) for task in _field_tasks(cloud, settings)]
         votes, cuts = cut_votes("cut", cloud.complex_, cloud.outward, settings, made=made)
-        votes += comparison.result()
+        votes += coarse.result()
         n_points = min(len(cloud.points), settings.fields.most_points)
         votes += [Vote("field", k, (euler,), n_points) for field in fields for k, euler in field.result()]
     return tuple(votes), cuts[0]
@@ -155,14 +159,21 @@ def cut_votes(
     return [Vote(family, k, both, len(complex_.points)) for k, both in enumerate(eulers)], cuts
 
 
-def _comparison_votes(cloud: OrientedCloud, settings: CloudSettings) -> list[Vote]:
-    if cloud.samples.is_all:
-        moved, outward = flattened(cloud.outward, cloud.local, settings.patches), cloud.outward
-        complex_ = delaunay_complex(moved, cloud.local.spacings)
-        return cut_votes("smooth cut", complex_, outward, settings, count=IN_COMPARISON)[0]
-    half = cloud.sampler.chosen(len(cloud.samples.kept) // 2)[0]
-    complex_ = complex_of(cloud.points[half], settings)[1]
-    return cut_votes("coarse cut", complex_, cloud.normals[half], settings, count=IN_COMPARISON)[0]
+def _coarse_votes(cloud: OrientedCloud, settings: CloudSettings) -> list[Vote]:
+    """Votes of both halves of the samples, or, of a large cloud, of half as many that are chosen alike."""
+    kept, votes = cloud.samples.kept, []
+    halves = _random_halves(kept) if cloud.samples.is_all else (cloud.sampler.chosen(len(kept) // 2)[0],)
+    for half in halves:
+        complex_ = complex_of(cloud.points[half], settings)[1]
+        votes += cut_votes("coarse cut", complex_, cloud.normals[half], settings, count=IN_COMPARISON)[0]
+    return votes
+
+
+def _random_halves(samples: Integers) -> tuple[Integers, Integers]:
+    """One of every two samples (M,) along the curve, at random, and the other ones."""
+    coin = np.random.default_rng(len(samples)).integers(0, 2, -(-len(samples) // 2)).astype(bool)
+    is_first = np.stack([coin, ~coin], 1).ravel()[: len(samples)]
+    return samples[is_first], samples[~is_first]
 
 
 def complex_of(points: Floats, settings: CloudSettings) -> tuple[Neighborhoods, DelaunayComplex]:
@@ -199,6 +210,7 @@ def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: C
         roughness=surface.thickness / cloud.local.spacing,
         crowded_wide=crowded_share(surface, cloud.normals, cloud.areas, cloud.samples.kept, quality.wide, settings),
         crowded_boundary=crowded_share(surface, cloud.normals, cloud.areas, few, coarser, settings),
+        double=double_share(surface, cloud.normals, sampling.probes, settings.doubles),
     )
 
 
@@ -234,12 +246,9 @@ def surface_eulers(complex_: DelaunayComplex, cut: Cut) -> tuple[int, ...]:
     return tuple(2 * euler for euler in solid_eulers(complex_, cut.inside))
 
 
-def tally(votes: Iterable[Vote]) -> tuple[int, float]:
-    """The most frequent Euler characteristic (of equally frequent ones the nearest to zero) and its share.
-
-    Votes of positions that were not taken do not count.
-    """
-    values = [euler for vote in votes if vote.family != "shifted cut" for euler in vote.eulers]
+def tally(votes: Sequence[Vote]) -> tuple[int, float]:
+    """The most frequent Euler characteristic among the deciding votes, the nearest to zero of equals, and its share."""
+    values = values_of(votes, *DECIDING)
     euler = max(values, key=lambda value: (values.count(value), -abs(value)))
     return euler, values.count(euler) / len(values)
 

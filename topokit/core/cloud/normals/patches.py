@@ -23,6 +23,8 @@ Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
 _ROWS = 1 << 12  # neighborhoods in memory, and in the processor's cache, at once
+_FEWEST_ON_SHEET = 3  # neighbors on the same sheet that give an area
+_PLACES = 100_000  # around which spacings are compared
 _TINY = 1e-300  # keeps quotients of lengths finite
 
 
@@ -119,7 +121,7 @@ class Surface:
             is_near &= is_near.cumsum(1) <= own.graph
             k = is_near.sum(1)
             area = np.pi * np.where(is_near, squared, 0).max(1) / np.maximum(k, 1)
-            found[rows] = np.where(k >= own.fewest_on_sheet, area, np.nan)
+            found[rows] = np.where(k >= _FEWEST_ON_SHEET, area, np.nan)
 
         in_blocks(measure, len(found))
         unknown = np.isnan(found)
@@ -138,6 +140,12 @@ class Surface:
     def spacing(self) -> float:
         """√(median area), the typical distance between neighboring points."""
         return float(np.sqrt(np.median(self._discs)))
+
+    @cached_property
+    def coarsest(self) -> float:
+        """The spacing where the points are sparse: at one in a hundred places it is coarser."""
+        around = self.around[:: -(-len(self.around) // _PLACES)]
+        return float(np.quantile(np.sqrt(self._discs[around].mean(1)), 0.99))
 
     @property
     def roughness(self) -> float:

@@ -42,7 +42,7 @@ def test_clean_smooth_clouds_are_likely_and_say_how_likely(known: object) -> Non
 def test_a_blob_of_noise_is_unsure_and_its_confidence_low() -> None:
     report = tk.from_points(NOISY_BALL).report()
     assert report.verdict == "unsure"
-    assert report.confidence is None or report.confidence < 0.5
+    assert report.confidence is None or report.confidence < 0.6  # about features wider than its own radius
 
 
 def test_counting_is_certain_and_what_is_not_calibrated_has_no_confidence() -> None:

@@ -12,6 +12,7 @@ from witnesses import a_wire, a_witness, votes_of
 import topokit as tk
 from topokit.core.cloud.given import Signs
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
+from topokit.core.cloud.votes import Vote
 from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
 from topokit.report.cloud_wording import check_sentences
 from topokit.report.confidence import EVIDENCE, cloud_confidence
@@ -46,13 +47,26 @@ def rim(share: float = 0.0, length: float | None = None) -> BoundaryEstimate:
 def split(family: str, right: int, wrong: int) -> dict[str, Any]:
     """Votes of which a family gives the integer 2 so often and the integer 0 so often; the other family agrees."""
     other = "field" if family == "cut" else "cut"
-    return {"votes": votes_of({other: 2}) + votes_of({family: 2})[:1] * right + votes_of({family: 0})[:1] * wrong}
+    return {
+        "votes": votes_of({other: 2, "coarse cut": 2})
+        + votes_of({family: 2})[:1] * right
+        + votes_of({family: 0})[:1] * wrong
+    }
+
+
+def halves(right: int, wrong: int) -> tuple[Vote, ...]:
+    """Votes of half as many samples: so many give the integer 2, so many the integer 0."""
+    return tuple(Vote("coarse cut", k, (2 if k < right else 0,)) for k in range(right + wrong))
 
 
 # name of the check: (what just meets it, what just fails it), each the changes of a witness and a boundary
 CLOUD_RULES: dict[str, tuple[tuple[dict[str, Any], BoundaryEstimate], tuple[dict[str, Any], BoundaryEstimate]]] = {
     "cuts": ((split("cut", 7, 3), rim()), (split("cut", 69, 31), rim())),
     "fields": ((split("field", 65, 35), rim()), (split("field", 64, 36), rim())),
+    "coarse": (
+        ({"votes": votes_of({"cut": 2, "field": 2}) + halves(6, 2)}, rim()),
+        ({"votes": votes_of({"cut": 2, "field": 2}) + halves(5, 2)}, rim()),
+    ),
     "coverage": (
         ({"quality": {"coverage": 0.6, "roughness": 0.5}}, rim()),
         ({"quality": {"coverage": 0.59, "roughness": 0.5}}, rim()),
@@ -60,7 +74,7 @@ CLOUD_RULES: dict[str, tuple[tuple[dict[str, Any], BoundaryEstimate], tuple[dict
     "double": (({"quality": {"double": 0.15}}, rim()), ({"quality": {"double": 0.151}}, rim())),
     "confirmed": (({"signs": Signs("given", 0.9, None)}, rim()), ({"signs": Signs("given", 0.89, None)}, rim())),
     "rim": (({}, rim(0.05)), ({}, rim(0.051))),
-    "points": (({"n_used": 50}, rim()), ({"n_used": 49}, rim())),
+    "points": (({"n_used": 150}, rim()), ({"n_used": 149}, rim())),
     "rounding": (({"rounding": 0.5}, rim()), ({"rounding": 0.51}, rim())),
     "boundary": (({}, rim()), ({}, rim(length=30.0))),
     "genus": (({"components": 1}, rim()), ({"components": 0, "cavities": 0}, rim())),
@@ -81,7 +95,7 @@ def test_each_rule_of_clouds_decides_alone_at_its_limit(name: str) -> None:
 
 
 def test_the_confidence_decides_alone() -> None:
-    crowded = a_witness(quality={"crowded_wide": 1.0})
+    crowded = a_witness(quality={"crowded_wide": 1.0, "coverage": 0.6, "roughness": 0.1})
     assert cloud_confidence(crowded) < limit("confidence") < cloud_confidence(a_witness())
     assert {check.name for check in cloud_checks(crowded, rim()) if not check.passed} == {"confidence"}
     assert cloud_verdict(cloud_checks(crowded, rim())) == "unsure"
@@ -186,9 +200,9 @@ def test_all_reasons_that_decide_come_first_and_no_others() -> None:
     seen = a_witness(votes={"cut": 2, "coarse cut": 0, "shifted cut": 0, "field": 0}, quality={"crowded_wide": 1.0})
     checks = cloud_checks(seen, rim())
     failed = {check.name for check in checks if not check.passed}
-    assert failed == {"confidence", "cuts", "fields"}
+    assert failed == {"confidence", "cuts", "coarse", "fields"}
     deciding, others = check_sentences(checks, seen)
-    assert len(deciding) == 3
+    assert len(deciding) == 4
     assert all("only" in text.lower() for text in deciding)
     assert "others 0" in deciding[1]
     assert not any("only" in text.lower() for text in others)

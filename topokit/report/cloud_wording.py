@@ -15,8 +15,8 @@ from topokit.report.wording import plural
 # name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
 _SENTENCES = {
     "confidence": (
-        "Answers with evidence like this are right {percent}% of the time.",
-        "Answers with evidence like this are right only {percent}% of the time.",
+        "Answers with evidence like this are right {percent}% of the time, for features wider than {width:.2g}.",
+        "Answers with evidence like this are right only {percent}% of the time, for features wider than {width:.2g}.",
     ),
     "points": ("", "{value:.0f} points are too few: how often so few are right was not measured."),
     "cuts": (
@@ -30,6 +30,11 @@ _SENTENCES = {
     "no fields": (
         "",
         "No winding-number field confirms the Delaunay cuts: grids as fine as the samples would be too large.",
+    ),
+    "coarse": (
+        "",
+        "Only {n_coarse} of {coarse} Delaunay cuts of half as many samples give χ = {euler}{other_coarse}: it changes "
+        "with the number of samples.",
     ),
     "coverage": (
         "{value:.1%} of the points lie on the surface that was found.",
@@ -111,8 +116,7 @@ def confidence_sentences(witness: Witness) -> tuple[str, ...]:
         return ()
     quality, coarse = witness.quality, values_of(witness.votes, "coarse cut")
     return (
-        f"{coarse.count(witness.euler)} of {len(coarse)} cuts of half as many samples give it"
-        f"{_others(coarse, witness.euler)}.",
+        f"{coarse.count(witness.euler)} of {len(coarse)} cuts of half as many samples give χ = {witness.euler}.",
         f"{quality.crowded_wide:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
     )
 
@@ -179,12 +183,17 @@ def far_sentences(n_far: int) -> tuple[str, ...]:
 
 def _numbers(witness: Witness) -> dict[str, object]:
     cuts, fields = values_of(witness.votes, *CUT_FAMILIES), values_of(witness.votes, "field")
+    coarse = values_of(witness.votes, "coarse cut")
     return {
         "euler": witness.euler,
         "percent": int(100 * cloud_confidence(witness)),  # rounded down: 100 % would be a proof
+        "width": witness.resolution,
         "cuts": len(cuts),
         "n_cuts": cuts.count(witness.euler),
         "other_cuts": _others(cuts, witness.euler),
+        "coarse": len(coarse),
+        "n_coarse": coarse.count(witness.euler),
+        "other_coarse": _others(coarse, witness.euler),
         "fields": len(fields),
         "n_fields": fields.count(witness.euler),
         "other_fields": _others(fields, witness.euler),

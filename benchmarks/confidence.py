@@ -1,7 +1,7 @@
 """Calibrate the confidence of reports on point clouds: collect answers of known truth, fit the model, check it.
 
     python benchmarks/confidence.py collect DATA --draws 1000 --out answers.jsonl [--part 0/2]
-    python benchmarks/confidence.py fit answers.jsonl [--diagram docs/pictures/reliability.png]
+    python benchmarks/confidence.py fit answers.jsonl [--diagram reliability.png]
 
 DATA holds index.json and the closed meshes that it names with their Euler characteristic. A draw is a shape (one of
 these, a random solid of `random_solids.py`, or a solid of `planted.py` whose features are 0.2 to 20 sample spacings

@@ -14,6 +14,7 @@ import pytest
 import topokit as tk
 from topokit.batch import examine as examination
 from topokit.batch.journal import Journal
+from topokit.batch.sources import Source
 from topokit.errors import InputError
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -31,13 +32,13 @@ def folder(tmp_path: Path) -> Path:
 def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of the files that were examined, in order."""
     names: list[str] = []
-    original = examination._shapes
+    original = examination._opened
 
-    def watched(path: Path, *rest: Any) -> Any:
-        names.append(path.name)
-        return original(path, *rest)
+    def watched(source: Source, questions: Any) -> Any:
+        names.append(source.path.name)
+        return original(source, questions)
 
-    monkeypatch.setattr(examination, "_shapes", watched)
+    monkeypatch.setattr(examination, "_opened", watched)
     return names
 
 

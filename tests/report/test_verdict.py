@@ -230,3 +230,19 @@ def test_the_seconds_of_gauss_bonnet_are_those_of_curvature_and_boundary() -> No
     report = tk.from_points(torus_samples(5000).points).report()
     [row] = [row for row in report.evidence if row.name == "Gauss–Bonnet"]
     assert row.seconds > 0.001  # an attribute that is known already takes a microsecond
+
+
+def test_a_likely_integer_says_for_which_widths_and_what_would_show_more() -> None:
+    points = torus_samples(5000).points
+    clean = tk.from_points(points).report()
+    assert clean.resolution is not None
+    first = clean.text(full=True).splitlines()[0]
+    assert f"(likely, for features wider than {clean.resolution:.2g})" in first
+    assert any("20000 points" in reason for reason in clean.reasons)
+    noise = 0.02 * torch.randn(points.shape, generator=torch.Generator().manual_seed(0), dtype=points.dtype)
+    noisy = tk.from_points(points + noise).report()
+    assert noisy.resolution is not None
+    assert clean.resolution < noisy.resolution < clean.resolution + 4 * 0.02
+    assert any("noise hides" in reason for reason in noisy.reasons)
+    half = tk.from_points(points[::2]).report()
+    assert half.resolution == pytest.approx(2**0.5 * clean.resolution, rel=0.15)

@@ -84,7 +84,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
             *deciding,
             *others,
             *confidence_sentences(witness),
-            resolution_sentence(witness),
+            *((resolution_sentence(witness),) if wire is None else ()),
             *preparation_sentences(witness),
         ),
         n_deciding=len(deciding),

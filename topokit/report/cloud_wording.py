@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.settings import GuardSettings
+from topokit.core.cloud.settings import GuardSettings, QualitySettings
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
@@ -122,9 +122,9 @@ def confidence_sentences(witness: Witness) -> tuple[str, ...]:
 
 
 def resolution_sentence(witness: Witness) -> str:
-    """Which features the integer counts, and how many points would show narrower ones."""
-    seen = f"The evidence shows tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}"
-    if witness.preparation == "averaged":
+    """Which features the samples show, and how many points would show narrower ones."""
+    seen = f"The samples show tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}"
+    if witness.preparation == "averaged" or witness.quality.roughness > QualitySettings().clean:
         return f"{seen}; noise hides narrower ones."
     return f"{seen}; about {4 * witness.n_points} points would show those half as wide."
 

@@ -43,7 +43,7 @@ class Threshold:
 
 _CALIBRATED = (
     "of 267 answers to draws from real, random and planted shapes of 150 to 40 000 points, each judged by a model that "
-    "has not seen its family, 139 reach it with both families of votes; none of these is wrong about features wider "
+    "has not seen its family, 135 reach it with both families of votes; none of these is wrong about features wider "
     "than its resolution (benchmarks/confidence.py)"
 )
 _ONE_DRAW = (
@@ -59,7 +59,7 @@ _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and withou
 THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
     {
         "confidence": Threshold(
-            0.95, "at least", "probability", "that a closed cloud's integer is right at its resolution", _CALIBRATED
+            0.98, "at least", "probability", "that a closed cloud's integer is right at its resolution", _CALIBRATED
         ),
         "points": Threshold(150, "at least", "points", "distinct points", "the calibration has no fewer"),
         "cuts": Threshold(0.7, "at least", "share of counts", "Delaunay cuts that give the integer", _ONE_DRAW),

@@ -107,10 +107,8 @@ def sampled(mesh: trimesh.Trimesh, draw: Draw) -> tuple[Floats, NDArray[np.int64
     many = (4 if draw.pattern == "cells" else 3) * draw.n_points
     points, face = trimesh.sample.sample_surface(mesh, many, seed=draw.number)
     rng = np.random.default_rng([13, draw.number])
-    if (
-        draw.pattern == "farthest"
-    ):  # by elimination on a lattice: one point in each cell of half a spacing, then the farthest
-        kept = farthest(points, min(draw.n_points, 3_000), rng)
+    if draw.pattern == "farthest":
+        kept = farthest(points, min(draw.n_points, 3_000), rng)  # its time grows with the square
     elif draw.pattern == "cells":
         side = np.sqrt(mesh.area / draw.n_points)
         kept = np.unique(np.floor(points / side), axis=0, return_index=True)[1]

@@ -96,7 +96,7 @@ def gaps(rng: np.random.Generator, spacing: float) -> Planted:
     frame = _cut(box((1.0, 1.0, 0.2)), [box((0.8, 0.8, 0.4))])
     bars = [
         box((0.85 - width, 0.06, 0.1), transform=_moved(-0.45 + (0.85 - width) / 2, y, 0))
-        for width, y in zip(widths - 0.0, np.linspace(-0.3, 0.3, count), strict=True)
+        for width, y in zip(widths, np.linspace(-0.3, 0.3, count), strict=True)
     ]
     return _planted(_joined([frame, *bars]), widths, -2)
 

@@ -70,8 +70,8 @@ def no_attribute(owner: str, name: str, known: Iterable[str], other_words: Mappi
         known: names that exist.
         other_words: what to use instead of names that are usual elsewhere.
     """
-    if name in (other_words or {}):
-        return f"{owner} has no attribute {name!r}. Use {(other_words or {})[name]}."
+    if (meant := (other_words or {}).get(name)) is not None:
+        return f"{owner} has no attribute {name!r}. Use {meant}."
     near = get_close_matches(name, [one for one in known if not one.startswith("_")], 1)
     return f"{owner} has no attribute {name!r}." + "".join(f" Did you mean {one}?" for one in near)
 

@@ -21,7 +21,6 @@ from topokit.report.cloud_wording import (
     confidence_sentences,
     far_sentences,
     preparation_sentences,
-    resolution_sentence,
 )
 from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
@@ -80,13 +79,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
-        reasons=(
-            *deciding,
-            *others,
-            *confidence_sentences(witness),
-            *((resolution_sentence(witness),) if wire is None else ()),
-            *preparation_sentences(witness),
-        ),
+        reasons=(*deciding, *others, *confidence_sentences(witness), *preparation_sentences(witness)),
         n_deciding=len(deciding),
         components=components,
         n_components=n_surfaces,

@@ -111,17 +111,18 @@ def _sentences(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tupl
 
 
 def confidence_sentences(witness: Witness) -> tuple[str, ...]:
-    """What the confidence counts beside the votes and the samples off the surface."""
+    """What the confidence counts beside the votes and the samples off the surface, and for which widths it holds."""
     if witness.wire is not None:
         return ()
     quality, coarse = witness.quality, values_of(witness.votes, "coarse cut")
     return (
         f"{coarse.count(witness.euler)} of {len(coarse)} cuts of half as many samples give χ = {witness.euler}.",
         f"{quality.crowded_wide:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
+        _resolution_sentence(witness),
     )
 
 
-def resolution_sentence(witness: Witness) -> str:
+def _resolution_sentence(witness: Witness) -> str:
     """Which features the samples show, and how many points would show narrower ones."""
     seen = f"The samples show tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}"
     if witness.preparation == "averaged" or witness.quality.roughness > QualitySettings().clean:

@@ -7,28 +7,15 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
+from sample_arrays import Cloud, Floats, sphere, torus
 
 from topokit.core.cloud.given import Signs, consistent_signs
 from topokit.core.cloud.normals.patches import surface_of, unit
 from topokit.core.cloud.settings import CloudSettings, GivenSettings, SamplingSettings
 from topokit.core.cloud.witness import global_witness
-from topokit.testing import sphere_samples, torus_samples
 
-Floats = NDArray[np.float64]
-Cloud = tuple[Floats, Floats]
 SETTINGS = CloudSettings()
 LARGE = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3000))
-
-
-def sphere(n_points: int = 3000) -> Cloud:
-    known = sphere_samples(n_points)
-    return known.points.numpy(), known.normals.numpy()
-
-
-def torus(n_points: int = 3000) -> Cloud:
-    known = torus_samples(n_points)
-    return known.points.numpy(), known.normals.numpy()
 
 
 def signs_of(points: Floats, normals: Floats, settings: GivenSettings = SETTINGS.given) -> Signs | None:

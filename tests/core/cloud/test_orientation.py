@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
-from numpy.typing import NDArray
+from sample_arrays import Cloud, Floats, sphere, torus
 
 from topokit.core.cloud.look import Cloud as Distinct
 from topokit.core.cloud.look import Look, look_at
@@ -16,19 +16,6 @@ from topokit.core.cloud.settings import CloudSettings, OrientationSettings, Samp
 from topokit.core.cloud.witness import global_witness
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.testing import sphere_samples, torus_samples
-
-Floats = NDArray[np.float64]
-Cloud = tuple[Floats, Floats]
-
-
-def sphere(n_points: int = 3000) -> Cloud:
-    known = sphere_samples(n_points)
-    return known.points.numpy(), known.normals.numpy()
-
-
-def torus(n_points: int = 3000) -> Cloud:
-    known = torus_samples(n_points)
-    return known.points.numpy(), known.normals.numpy()
 
 
 def nested_spheres() -> Cloud:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +57,7 @@ class Look:
         cut: the first one.
         quality: how well the samples support the answer.
         turned: when the normals were known, on the clock of `time.perf_counter`.
+        settings: with which it was found.
         is_widened: whether the samples were shifted along their normals.
         is_repeated: whether votes of smoothed samples were added.
     """
@@ -68,6 +70,7 @@ class Look:
     cut: Cut
     quality: SampleQuality
     turned: float
+    settings: CloudSettings
     is_widened: bool = False
     is_repeated: bool = False
 
@@ -76,29 +79,32 @@ class Look:
         """Whether the outward directions are those of the given normals."""
         return self.found is None
 
-    def lids(self, settings: CloudSettings) -> tuple[UncoveredPatch, ...]:
+    @cached_property
+    def lids(self) -> tuple[UncoveredPatch, ...]:
         """The patches of the found surface that cover holes of the cloud, largest first.
 
         Noise leaves gaps in the surface that was found, too: with it, holes must be wider in proportion to the smallest
         feature that is seen.
         """
-        own = settings.quality
+        own = self.settings.quality
         patches = uncovered_patches(self.cloud.complex_, self.cut.inside, self.cloud.points, own.uncovered)
-        least = own.lid * (self.feature(settings) / own.feature) ** 2
+        least = own.lid * (self._feature / own.feature) ** 2
         return tuple(patch for patch in patches if patch.missing > least)
 
-    def resolution(self, settings: CloudSettings) -> float:
+    @property
+    def resolution(self) -> float:
         """Width of the narrowest feature that is seen wherever it is: samples may be sparse there.
 
         Many points around few samples show where features are small, so that samples are dense there.
         """
-        local = self.cloud.local
-        blur = (self.feature(settings) - settings.quality.feature) * local.spacing
-        return settings.quality.feature * max(local.finest, self.surface.coarsest) + blur
+        local, own = self.cloud.local, self.settings.quality
+        blur = (self._feature - own.feature) * local.spacing
+        return own.feature * max(local.finest, self.surface.coarsest) + blur
 
-    def feature(self, settings: CloudSettings) -> float:
+    @property
+    def _feature(self) -> float:
         """Width of the narrowest feature that is seen where samples are spaced as usual, in their spacings."""
-        own = settings.quality
+        own = self.settings.quality
         return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0)
 
 
@@ -116,7 +122,7 @@ def look_at(cloud: Cloud, surface: Surface, settings: CloudSettings) -> Look:
     begin("counting")
     votes, cut = gather_votes(oriented, settings)
     quality = sample_quality(oriented, surface, cut, settings)
-    return Look(oriented, surface, signs, found, votes, cut, quality, turned)
+    return Look(oriented, surface, signs, found, votes, cut, quality, turned, settings)
 
 
 def _oriented(

@@ -94,11 +94,11 @@ def orient_samples(
     cells = own.fine_cells_per_spacing * longest / local.spacing
     coarse = min(own.coarse_cells, cells)  # between dipoles that are cells apart a field says nothing
     fine = min(cells + 30, own.most_fine_cells)
-    for n_cells, iterations in ((coarse, own.coarse_iterations), (fine, own.fine_iterations)):
+    for n_cells, iterations, is_fine in ((coarse, own.coarse_iterations, False), (fine, own.fine_iterations, True)):
         solver = DipoleSolver(local.points, samples.areas, longest / n_cells)
         solved = solver.conjugate_gradients(own.sigmas[0], iterations)
         turned = solver.alternate(solved, *own.sigmas, own.alternations)
-        directions = (turned,) if n_cells == coarse else (solved, turned)  # on thin sheets a turn may do harm
+        directions = (solved, turned) if is_fine else (turned,)  # on thin sheets a turn may do harm
         for dipoles in directions:
             trials += [_trial(complex_, normals) for normals in _candidates(dipoles, samples, local, settings)]
         if max(trial.cut.coverage for trial in trials) < own.hidden:

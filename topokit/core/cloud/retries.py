@@ -51,7 +51,7 @@ def look_again(look: Look, settings: CloudSettings) -> Look:
     is_unanimous = share == 1
     is_noisy = look.found is not None and look.found.coverage < settings.orientation.interpolating
     if is_noisy and look.cloud.samples.is_all:
-        return look if is_unanimous and not look.lids(settings) else _with_less_noise(look, settings)
+        return look if is_unanimous and not look.lids else _with_less_noise(look, settings)
     is_hidden = not look.has_given_signs and look.quality.coverage < settings.orientation.hidden
     has_converged = share_of(euler, values_of(look.votes, "coarse cut")) == 1
     if is_hidden or (is_unanimous and has_converged):

@@ -165,14 +165,14 @@ def _solid_witness(
         n_points=len(entry.positions),
         n_used=len(used),
         spacing=cloud.local.spacing * entry.unit_length,
-        resolution=look.resolution(settings) * entry.unit_length,
+        resolution=look.resolution * entry.unit_length,
         seconds={"orientation": look.turned - start, "votes": time.perf_counter() - look.turned},
         surface=replace(surface, points=used[surface.points]),
         preparation=preparation,
         is_widened=look.is_widened,
         is_repeated=look.is_repeated,
         rounding=entry.rounding,
-        lids=tuple(replace(patch, samples=used[patch.samples]) for patch in look.lids(settings)),
+        lids=tuple(replace(patch, samples=used[patch.samples]) for patch in look.lids),
     )
 
 

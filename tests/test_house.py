@@ -27,7 +27,7 @@ FLOORS = [
 CORE_FLOORS = [
     {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
     | {"processors", "progress", "surface", "loops", "precision", "residence"},
-    {"local", "grid"},
+    {"local", "grid", "scale"},
     {"blocks"},
     {"cloud", "mesh", "homotopy"},
     {"implicit"},

@@ -9,7 +9,15 @@ from topokit.report.report import TopologyReport, known_euler
 from topokit.shape import Shape
 
 
-def report(source: Any, *, details: bool = False, locate: bool = False, **options: Any) -> TopologyReport:
+def report(
+    source: Any,
+    *,
+    details: bool = False,
+    locate: bool = False,
+    features: bool | float = False,
+    certify: bool = False,
+    **options: Any,
+) -> TopologyReport:
     """The report of a file or an object: `topokit.load(source, **options).report()`.
 
     Args:
@@ -17,6 +25,8 @@ def report(source: Any, *, details: bool = False, locate: bool = False, **option
             `topokit.from_mesh(vertices, faces).report()`.
         details: as for `Shape.report`.
         locate: as for `Shape.report`.
+        features: as for `Shape.report`.
+        certify: as for `Shape.report`.
         options: as for `topokit.load`.
 
     Raises:
@@ -28,7 +38,7 @@ def report(source: Any, *, details: bool = False, locate: bool = False, **option
         >>> tk.report(trimesh.creation.torus(1, 0.4)).genus
         1
     """
-    return _shape(source, options).report(details=details, locate=locate)
+    return _shape(source, options).report(details=details, locate=locate, features=features, certify=certify)
 
 
 def euler(source: Any, **options: Any) -> int:

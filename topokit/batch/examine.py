@@ -74,9 +74,7 @@ class Questions:
     Attributes:
         options: gives the adapter and its options for a path.
         labels: of a labeled volume, "all" or some; None examines every file as one shape.
-        details: as for `Shape.report`.
-        locate: as for `Shape.report`.
-        certify: as for `Shape.report`.
+        asked: keywords of `Shape.report`.
         with_report: whether the answers hold the reports.
         page: whether the answers hold what an HTML page shows: "full" with a 3D view, "light" without, None for none.
         client: of a Dask cluster whose workers share the file; then the questions are not sent anywhere.
@@ -84,17 +82,10 @@ class Questions:
 
     options: Options = Options()
     labels: Any = None
-    details: bool = False
-    locate: bool = False
-    certify: bool = False
+    asked: Mapping[str, Any] = field(default_factory=dict)
     with_report: bool = False
     page: Literal["full", "light"] | None = None
     client: Any = None
-
-    @property
-    def asked(self) -> dict[str, bool]:
-        """The keywords of `Shape.report`."""
-        return {"details": self.details, "locate": self.locate, "certify": self.certify}
 
 
 @dataclass(frozen=True)

@@ -249,7 +249,7 @@ def survey(
             raise InputError(f"{name} must be positive, not {limit}.")
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
-    questions = Questions(Options(adapter, options), labels, details)
+    questions = Questions(Options(adapter, options), labels, {"details": details})
     journal = None
     if resume is not None:
         given = plain_options(adapter, options, labels=labels, details=details)

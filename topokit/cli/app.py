@@ -97,6 +97,13 @@ def report(
     certify: Annotated[
         bool, typer.Option("--certify", help="Try to prove the level sets of networks, for up to a minute each.")
     ] = False,
+    features: Annotated[
+        bool, typer.Option("--features", help="Also how wide parts, tunnels and cavities are; this takes longer.")
+    ] = False,
+    above: Annotated[
+        float | None,
+        typer.Option(metavar="WIDTH", min=1e-300, help="The same for those at least so wide, in units of the file."),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
     ] = None,
@@ -118,8 +125,9 @@ def report(
     ] = False,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
+    asked = {"details": details, "locate": locate, "certify": certify, "features": above or features}
     if tolerances:
-        if forms.chosen not in (None, "text", "json") or html or output or details or locate or request.conditions:
+        if forms.chosen not in (None, "text", "json") or html or output or any(asked.values()) or request.conditions:
             raise typer.BadParameter("--tolerances goes with --text, --json and -v only.")
         full, as_json = request.verbose, forms.chosen == "json"
         show_tolerances(files, request.format, given.opener(), full=full, as_json=as_json)
@@ -130,7 +138,6 @@ def report(
         raise typer.BadParameter("--retry-failed goes with --resume.")
     if light and html is None:
         raise typer.BadParameter("--light goes with --html.")
-    asked = {"details": details, "locate": locate, "certify": certify}
     options = plain_options(opener.adapter, opener.given, labels=labels, **asked)
     lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
 
@@ -164,9 +171,7 @@ def report(
         opener,
         request,
         writer,
-        details=details,
-        locate=locate or (html is not None and not light),
-        certify=certify,
+        asked=asked | {"locate": locate or (html is not None and not light)},
         with_report=needs_report,
         output=output,
         resume=lines if resume else None,

@@ -13,7 +13,10 @@ from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.grid.boxes import PeriodicSolid
 from topokit.core.grid.placement import Placement
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
+from topokit.core.scale.features import SolidCounts, SolidFeatures
+from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.errors import GenusError, InputError
+from topokit.report.features import feature_lines, step_picture
 from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
@@ -121,6 +124,9 @@ class TopologyReport:
         cut_out_euler: Δχ, what a volume that was cut from a larger body contributes to χ of that solid, in eighths;
             None unless it was opened with `edges="cut-out"`.
         connectivity_density: (1 − Δχ) / V for a volume V between the centers of its end layers, likewise.
+        features: parts, tunnels and cavities with their widths, or None if they were not measured.
+        doubts: places of a cloud's surface that are narrower than `resolution`, where the answer may be wrong, or None
+            if they were not looked for.
     """
 
     name: str
@@ -147,6 +153,8 @@ class TopologyReport:
     level_range: tuple[float, float] | None = None
     cut_out_euler: float | None = None
     connectivity_density: float | None = None
+    features: SolidFeatures | None = None
+    doubts: tuple[NarrowPlace, ...] | None = None
 
     @property
     def pieces(self) -> int | None:
@@ -162,6 +170,19 @@ class TopologyReport:
     def solid_euler(self) -> int | None:
         """Euler characteristic of that solid, half of that of its surface, or None if unknown."""
         return None if self.solid_betti is None or self.euler is None else self.euler // 2
+
+    def above(self, width: float) -> SolidCounts:
+        """How many parts, tunnels and cavities are at least so wide; `.euler` and `.genus` of it follow.
+
+        Args:
+            width: in units of length.
+
+        Raises:
+            InputError: if widths were not measured, or only from a larger width on.
+        """
+        if self.features is None:
+            raise InputError("widths were not measured: ask for report(features=True), or for shape.features().")
+        return self.features.above(width)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON; None for numbers that are not finite."""
@@ -213,6 +234,7 @@ class TopologyReport:
         if n_shown < n_reasons:
             more = plural(n_reasons - n_shown, "more reason")
             lines.append(f"  … {more}: report.text(full=True), or topokit report -v")
+        lines += [f"  - {line}" for line in feature_lines(self.features, self.doubts)]
         lines += [f"  - {place}" for place in (() if self.location is None else self.location.lines())]
         return "\n".join(map(printable, lines))
 
@@ -328,7 +350,8 @@ def report_html(report: TopologyReport) -> str:
         report: any report.
     """
     shown = report.per_component[:_MOST_COMPONENTS]
-    return environment().get_template("report.html").render(report=report, components=shown)
+    steps = None if report.features is None else step_picture(report.features)
+    return environment().get_template("report.html").render(report=report, components=shown, steps=steps)
 
 
 @cache

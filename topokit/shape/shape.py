@@ -30,6 +30,7 @@ from topokit.report.report import CountedAnswer, TopologyReport, counted_report,
 from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import certified_report
 from topokit.shape.details import with_details
+from topokit.shape.features import features, narrow_places, with_features
 from topokit.shape.levels import euler_curve
 from topokit.shape.locate import with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
@@ -194,16 +195,24 @@ class Shape:
             mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
         return self._with(samples, mesh)
 
-    def genus(self) -> int:
+    def genus(self, *, above: float | None = None) -> int:
         """Handles summed over components, from the report's integer.
+
+        Args:
+            above: count only handles at least so wide, in units of length; see `features`.
 
         Raises:
             GenusError: if the surface is not a manifold or not orientable, or its genus is unknown; the message names
                 the call that says more.
+            InputError: with `above`, as for `features`.
         """
+        if above is not None:
+            return self.features(above).above(above).genus
         return known_genus(self.report(), is_manifold=None if self.counted is None else self.counted.manifold)
 
-    def report(self, *, details: bool = False, locate: bool = False, certify: bool = False) -> TopologyReport:
+    def report(
+        self, *, details: bool = False, locate: bool = False, features: bool | float = False, certify: bool = False
+    ) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
         A counted answer is reported as it is; samples without one are judged by the global witness.
@@ -213,6 +222,9 @@ class Shape:
                 shape, the self-optimized χ⁽ᴷ⁾, the solid that a mesh encloses by winding number, and at which
                 levels the answer of a gray volume or a function stays (`level_range`).
             locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
+            features: whether to measure how wide parts, tunnels and cavities are (see `features`): those from the
+                default width on, or from the given one; and at which places a cloud is narrower than its resolution
+                (see `narrow_places`).
             certify: whether to try a proof (see `certify`, with its time limit) of the level set of a function, which
                 makes the answer "certain" without grids; where it fails, grids answer, and the report says what stays
                 open. It changes nothing for other shapes.
@@ -227,6 +239,8 @@ class Shape:
                 self._known.examination()  # refuses batches
             [report] = self._reports()
         report = with_location(report, self) if locate else report
+        if features is not False:
+            report = with_features(report, self, None if features is True else features)
         return with_details(report, self, self._known.automatic_neighbors()) if details else report
 
     def certify(self, time_limit: float = 60.0) -> Certificate:
@@ -413,6 +427,8 @@ class Shape:
     _repr_html_ = outputs.notebook_html
 
     euler_curve = euler_curve
+    features = features
+    narrow_places = narrow_places
     curvature = estimates.curvature
     euler = estimates.euler
     gauss_bonnet = estimates.gauss_bonnet

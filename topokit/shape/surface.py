@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 def closed_surface(shape: Shape) -> TriangleSurface:
     """The closed surface that a shape's report is about; see `checked_surface`."""
-    return checked_surface(shape.report(), _surface_found(shape))
+    return checked_surface(shape.report(), found_surface(shape))
 
 
 def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> TriangleSurface:
@@ -64,7 +64,7 @@ def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
     return tuple(BoundaryLoop.through(points, curve.index.numpy()) for curve in found.boundary.curves)
 
 
-def _surface_found(shape: Shape) -> TriangleSurface | None:
+def found_surface(shape: Shape) -> TriangleSurface | None:
     """The closed surface as triangles, not compared with the report; None if there is none."""
     if shape._make_surface is not None:
         return shape._make_surface()

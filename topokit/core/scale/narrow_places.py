@@ -1,0 +1,89 @@
+"""Narrow places: where little more or less material would change the topology of a solid.
+
+The topology of S(r), the points of signed distance at most r, changes where a class of its homology appears or
+disappears. Changes at small r > 0 are gaps, tunnels and cavities that are nearly closed; those at small r < 0 are walls
+and necks that are nearly gone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from topokit.core.components import Corner
+from topokit.core.scale.features import corner, largest_balls
+from topokit.core.scale.pairs import persistent_pairs
+from topokit.core.scale.signed_distance import SignedDistance
+
+NarrowKind = Literal[
+    "thin part",
+    "thin handle",
+    "thin wall",
+    "thin neck",
+    "thin membrane",
+    "narrow gap",
+    "narrow tunnel",
+    "narrow mouth",
+    "small cavity",
+]
+
+_LEAVING: tuple[NarrowKind, ...] = ("thin part", "thin handle", "thin wall")  # a feature that shrinking removes
+_PARTING: tuple[NarrowKind, ...] = ("thin neck", "thin membrane", "thin wall")  # one that shrinking adds
+_CLOSING: tuple[NarrowKind, ...] = ("narrow gap", "narrow tunnel", "small cavity")  # one that growing removes
+_JOINING: tuple[NarrowKind, ...] = ("narrow gap", "narrow gap", "narrow mouth")  # one that growing adds
+
+_SHORTEST = 1.5  # cells of r over which a class must last: shorter ones are those of the grid
+
+
+@dataclass(frozen=True)
+class NarrowPlace:
+    """A place where little more or less material would change the topology.
+
+    Attributes:
+        kind: "thin part", "thin handle" or "thin wall" (around a cavity): would be gone; "thin neck" or "thin
+            membrane": would part, and so add a part or a tunnel; "narrow gap" (between parts, or one that closes to a
+            handle), "narrow tunnel", "narrow mouth" (of what becomes a cavity) or "small cavity": would close.
+        width: diameter of the largest ball that fits there.
+        place: its center.
+        change: of the Euler characteristic of the surface, if it were gone, parted or closed.
+        votes: share of the votes on a cloud that count the Euler characteristic with this change; None without votes.
+    """
+
+    kind: NarrowKind
+    width: float
+    place: Corner
+    change: int
+    votes: float | None = None
+
+
+def narrow_places(distance: SignedDistance, below: float) -> tuple[NarrowPlace, ...]:
+    """The narrow places of a solid, narrowest first; a feature that could go in two ways is two of them.
+
+    Args:
+        distance: signed distance to its surface, with several cells across `below`.
+        below: largest width, in units of length.
+
+    Raises:
+        MissingDependencyError: if cripser is not installed.
+    """
+    least = _SHORTEST * distance.cell
+    pairs = persistent_pairs(distance).chosen(lambda birth, death: death - birth > least)
+    is_there = (pairs.birth < 0) & (pairs.death > 0)
+    is_born_near, is_dead_near = (np.abs(radius) <= below / 2 for radius in (pairs.birth, pairs.death))
+    groups = (
+        (_LEAVING, -1, pairs.born, is_there & is_born_near),
+        (_CLOSING, -1, pairs.dead, is_there & is_dead_near),
+        (_JOINING, 1, pairs.born, (pairs.birth >= 0) & is_born_near),
+        (_PARTING, 1, pairs.dead, (pairs.death <= 0) & is_dead_near),
+    )
+    found = []
+    for kinds, sign, vertices, chosen in groups:
+        radii, places = largest_balls(distance, vertices[chosen])
+        found += [
+            NarrowPlace(kinds[dimension], 2 * float(radius), corner(place), sign * (-2 if dimension == 1 else 2))
+            for dimension, radius, place in zip(pairs.dimension[chosen].tolist(), radii, places, strict=True)
+            if 2 * radius <= below
+        ]
+    return tuple(sorted(found, key=lambda one: (one.width, one.place)))

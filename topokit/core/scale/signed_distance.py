@@ -1,0 +1,159 @@
+"""The signed distance to a closed surface of triangles on a grid, negative inside the solid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.surface import TriangleSurface
+from topokit.errors import InputError
+
+Values = NDArray[np.float32]
+
+_OFFSETS = ((0.3183, 0.2718, 0.1414), (0.1732, 0.3606, 0.2236), (0.4142, 0.0918, 0.3317))
+"""Where the grid starts, in cells beyond the margin: lines of vertices that pass through edges of triangles close in
+none of them together."""
+
+_SAMPLES_PER_CELL = 3.0  # along each direction of a triangle
+_CHUNK = 1 << 22  # pairs of a triangle and a line, or samples, that are in memory at once
+
+
+@dataclass(frozen=True, eq=False)
+class SignedDistance:
+    """Signed distances at the vertices of a cubic grid.
+
+    Attributes:
+        values: (X, Y, Z), in units of length, negative inside.
+        low: (3,), place of the first vertex.
+        cell: distance between neighboring vertices.
+        samples: (S, 3), places on the surface, at most one in every cell.
+    """
+
+    values: Values
+    low: Floats
+    cell: float
+    samples: Floats
+
+    def place(self, index: Floats) -> Floats:
+        """The places (M, 3) of vertices with some indices (M, 3)."""
+        return self.low + self.cell * index
+
+
+def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:
+    """Signed distances on a grid around a closed surface.
+
+    Signs are exact: a vertex is inside where the surface winds around it a positive number of times. Distances are
+    those to one sample of the surface in a nearby cell, and may be too large by half a cell.
+
+    Args:
+        surface: closed triangles, counterclockwise seen from outside the solid.
+        cell: distance between vertices, in units of length.
+
+    Raises:
+        InputError: if the surface is not closed.
+    """
+    corners = surface.vertices[surface.faces]
+    low, high = corners.min((0, 1)) - 2 * cell, corners.max((0, 1)) + cell
+    counts = (np.ceil((high - low) / cell) + 1).astype(np.int64)
+    for offset in _OFFSETS:
+        start = low + cell * np.asarray(offset)
+        scaled = (corners - start) / cell
+        inside = _winds_around(scaled, counts)
+        if inside is not None:
+            values, samples = _distances(scaled, inside)
+            np.negative(values, out=values, where=inside)
+            return SignedDistance(values * np.float32(cell), start, cell, start + cell * samples)
+    raise InputError("the surface is not closed: lines through it enter it more often than they leave it.")
+
+
+def _winds_around(corners: Floats, counts: Integers) -> Booleans | None:
+    """Whether the winding number of triangles (F, 3, 3), in cells, is positive at each vertex; None if lines along the
+    last axis do not leave what they enter."""
+    steps = np.zeros(counts, dtype=np.int16)
+    a, b, c = (corners[:, k] for k in range(3))
+    double_area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    first = np.ceil(corners[:, :, :2].min(1)).astype(np.int64)
+    sizes = np.maximum(np.floor(corners[:, :, :2].max(1)).astype(np.int64) - first + 1, 0)
+    n_lines = np.where(double_area != 0, sizes[:, 0] * sizes[:, 1], 0)
+    for rows in _chunks(n_lines):
+        triangle, number = _repeated(rows, n_lines[rows])
+        x, y = first[triangle, 0] + number // sizes[triangle, 1], first[triangle, 1] + number % sizes[triangle, 1]
+        weights = [_side(corners, triangle, (k + 1) % 3, (k + 2) % 3, x, y) for k in range(3)]
+        sign = np.sign(double_area[triangle])
+        hit = np.flatnonzero(np.logical_and.reduce([weight * sign > 0 for weight in weights]))
+        own = triangle[hit]
+        height = sum(weights[k][hit] * corners[own, k, 2] for k in range(3)) / double_area[own]
+        z = np.clip(np.ceil(height).astype(np.int64), 0, counts[2] - 1)
+        np.add.at(steps, (x[hit], y[hit], z), -sign[hit].astype(np.int16))
+    winding = np.cumsum(steps, axis=2, dtype=np.int16)
+    return None if winding[:, :, -1].any() else winding > 0
+
+
+def _side(corners: Floats, triangle: Integers, first: int, second: int, x: Integers, y: Integers) -> Floats:
+    """Twice the signed area of (first corner, second corner, line), the same but for its sign in both triangles of an
+    edge."""
+    p, q = corners[triangle, first, :2], corners[triangle, second, :2]
+    is_swapped = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
+    p, q = np.where(is_swapped[:, None], q, p), np.where(is_swapped[:, None], p, q)
+    area = (p[:, 0] - x) * (q[:, 1] - y) - (p[:, 1] - y) * (q[:, 0] - x)
+    return np.where(is_swapped, -area, area)
+
+
+def _distances(corners: Floats, inside: Booleans) -> tuple[Values, Floats]:
+    """Distances of the vertices to the nearest samples of triangles (F, 3, 3), in cells, and the samples (S, 3).
+
+    Samples count in cells with corners on both sides: where parts overlap, triangles lie within the solid.
+    """
+    counts = inside.shape
+    corner = np.lib.stride_tricks.sliding_window_view(inside, (2, 2, 2))
+    is_crossed: Booleans = np.asarray(corner.any((3, 4, 5)) & ~corner.all((3, 4, 5)))
+    is_free = np.ones(counts, dtype=bool)
+    sample = np.zeros((3, *counts), dtype=np.float32)
+    for points in _samples(corners):
+        points = points[is_crossed[tuple(np.floor(points).astype(np.int64).T)]]
+        index = tuple(np.rint(points).astype(np.int64).T)
+        is_free[index] = False
+        sample[:, *index] = points.T
+    if is_free.all():  # thinner than a cell everywhere
+        return np.full(counts, np.inf, dtype=np.float32), np.empty((0, 3))
+    nearest = distance_transform_edt(is_free, return_distances=False, return_indices=True)
+    squared = np.zeros(counts, dtype=np.float32)
+    for axis, count in enumerate(counts):
+        along = np.arange(count, dtype=np.float32).reshape([-1 if k == axis else 1 for k in range(3)])
+        squared += (along - sample[axis][tuple(nearest)]) ** 2
+    return np.sqrt(squared), sample[:, ~is_free].T.astype(np.float64)
+
+
+def _samples(corners: Floats) -> Iterator[Floats]:
+    """Samples (M, 3) of triangles (F, 3, 3), at most a third of a cell apart, in pieces of bounded size."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    lengths = np.linalg.norm(sides, axis=2)
+    longest, rows = lengths.argmax(1), np.arange(len(corners))
+    base = lengths[rows, longest]
+    height = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.maximum(base, np.finfo(float).tiny)
+    a, b, apex = (corners[rows, (longest + k) % 3] for k in (2, 0, 1))
+    steps, layers = (np.ceil(size * _SAMPLES_PER_CELL).astype(np.int64) + 1 for size in (base, height))
+    for part in _chunks(steps * layers):
+        triangle, number = _repeated(part, (steps * layers)[part])
+        along = (number % steps[triangle] / np.maximum(steps[triangle] - 1, 1))[:, None]
+        up = (number // steps[triangle] / np.maximum(layers[triangle] - 1, 1))[:, None]
+        foot = a[triangle] + along * (b[triangle] - a[triangle])
+        yield foot + up * (apex[triangle] - foot)
+
+
+def _chunks(sizes: Integers) -> list[Integers]:
+    """Groups of rows whose sizes (F,) add up to a bounded number, if each is below it."""
+    rows = np.flatnonzero(sizes)
+    group = np.cumsum(sizes[rows]) // _CHUNK
+    return [part for part in np.split(rows, np.flatnonzero(np.diff(group)) + 1) if len(part)]
+
+
+def _repeated(rows: Integers, sizes: Integers) -> tuple[Integers, Integers]:
+    """Each row as often as its size, and the numbers 0, 1, … of its repetitions."""
+    ends = np.cumsum(sizes)
+    return np.repeat(rows, sizes), np.arange(ends[-1]) - np.repeat(ends - sizes, sizes)

@@ -1,0 +1,89 @@
+"""Features by width, as the text and the page of a report show them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from topokit.core.scale.features import Feature, SolidFeatures
+from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.report.wording import plural, position
+
+_MOST_TOLD = 10  # features that the text lists one by one
+_MOST_DOUBTS = 3  # narrow places, likewise
+_OTHERWISE = {"thin": "is not there", "narrow": "is closed", "small": "is filled"}
+_WIDTH, _HEIGHT = 420, 120  # of the picture, in pixels
+
+
+def feature_lines(found: SolidFeatures | None, doubts: Sequence[NarrowPlace] | None) -> tuple[str, ...]:
+    """What the text of a report says: how many features there are from the narrowest width on, then one by one, and
+    the places where the answer may be wrong."""
+    return (*(_feature_lines(found) if found is not None else ()), *(_doubt_lines(doubts) if doubts else ()))
+
+
+def _doubt_lines(doubts: Sequence[NarrowPlace]) -> Iterator[str]:
+    yield f"{plural(len(doubts), 'place is', 'places are')} narrower than the resolution, where samples show little:"
+    for one in doubts[:_MOST_DOUBTS]:
+        votes = f", as {one.votes:.0%} of the votes count" if one.votes else ""
+        otherwise = _OTHERWISE[one.kind.split()[0]]
+        yield (
+            f"{one.kind.capitalize()}, {one.width:.3g} wide, at {position(one.place, one.width)}: χ changes by "
+            f"{one.change:+d} if it {otherwise}{votes}."
+        )
+    if len(doubts) > _MOST_DOUBTS:
+        yield f"{plural(len(doubts) - _MOST_DOUBTS, 'more place')}, up to {doubts[-1].width:.3g} wide."
+
+
+def _feature_lines(found: SolidFeatures) -> tuple[str, ...]:
+    counts = found.above(found.finest)
+    solid = f"{plural(counts.pieces, 'part')}, {plural(counts.tunnels, 'tunnel')}, "
+    solid += plural(counts.cavities, "cavity", "cavities")
+    rest = f"; narrower ones add {found.narrower} to it" if found.narrower else ""
+    many = found.features[_MOST_TOLD:]
+    more = [f"{plural(len(many), 'more feature')}, up to {many[-1].width:.3g} wide."] if many else []
+    return (
+        f"At least {found.finest:.3g} wide: {solid} (χ {counts.euler}{rest}).",
+        *map(_line, found.features[:_MOST_TOLD]),
+        *more,
+    )
+
+
+def _line(one: Feature) -> str:
+    if one.kind == "part":
+        gap = "" if one.opening == float("inf") else f", {one.opening:.3g} from the next"
+        return f"Part: {one.thickness:.3g} thick{gap}, at {position(one.place, one.thickness)}."
+    what = "handle" if one.kind == "tunnel" else "wall"
+    return (
+        f"{one.kind.capitalize()}: {one.opening:.3g} wide, its {what} {one.thickness:.3g} thick, at "
+        f"{position(one.place, one.width)}."
+    )
+
+
+@dataclass(frozen=True)
+class StepPicture:
+    """χ of the features from each width on, as a step function in a drawing.
+
+    Attributes:
+        points: corners of the line in pixels, as SVG's polyline takes them.
+        ticks: place along the axis of each width, its text, and χ from there on.
+        width, height: of the drawing in pixels.
+    """
+
+    points: str
+    ticks: tuple[tuple[float, str, int], ...]
+    width: int = _WIDTH
+    height: int = _HEIGHT
+
+
+def step_picture(found: SolidFeatures) -> StepPicture:
+    """The step function of a solid's features; widths along the axis in equal steps, since they range over decades."""
+    curve = found.curve()
+    eulers = [euler for _, euler in curve]
+    low, span = min(eulers), max(max(eulers) - min(eulers), 1)
+    step = _WIDTH / len(curve)
+    corners, ticks = [], []
+    for number, (width, euler) in enumerate(curve):
+        height = _HEIGHT * (0.85 - 0.7 * (euler - low) / span)
+        corners += [(number * step, height), ((number + 1) * step, height)]
+        ticks.append((number * step, f"{width:.3g}", euler))
+    return StepPicture(" ".join(f"{x:.1f},{y:.1f}" for x, y in corners), tuple(ticks))

@@ -31,7 +31,7 @@ from .losses.topology import TopologyLoss, topology_loss
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .questions import euler, genus, report
-from .repair import fill_boundaries, simplify_topology
+from .repair import enforce, fill_boundaries, simplify_topology
 from .report.location import Location
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
@@ -67,6 +67,7 @@ __all__ = [
     "TopologyMonitor",
     "TopologyReport",
     "UnknownFormatError",
+    "enforce",
     "euler",
     "euler_loss",
     "export",

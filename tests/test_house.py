@@ -29,7 +29,7 @@ CORE_FLOORS = [
     | {"processors", "progress", "surface", "loops", "precision", "residence"},
     {"local", "grid", "scale"},
     {"blocks"},
-    {"cloud", "mesh", "homotopy"},
+    {"cloud", "mesh", "homotopy", "comparison"},
     {"implicit"},
     {"handles"},
 ]

@@ -1,4 +1,4 @@
-from . import export, losses, pages, testing
+from . import export, losses, metrics, pages, testing
 from .adapters.implicit.adapter import from_occupancy, from_sdf
 from .adapters.mesh.adapter import from_mesh
 from .adapters.points.adapter import from_points
@@ -8,6 +8,7 @@ from .adapters.voxels.adapter import from_voxels
 from .adapters.voxels.labels import from_labels
 from .batch.distribution import SurveySummary, TopologyDistance
 from .batch.survey import Survey, survey
+from .comparison.result import Comparison
 from .core.components import SurfaceComponent
 from .core.handles.handle import Handle
 from .core.local.curvature import Curvature, CurvatureSettings
@@ -28,6 +29,7 @@ from .errors import (
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
+from .pairs import compare, compare_labels
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .questions import euler, genus, report
@@ -42,6 +44,7 @@ __all__ = [
     "AdapterError",
     "AdapterWarning",
     "BoundaryLoop",
+    "Comparison",
     "CountedAnswer",
     "Curvature",
     "CurvatureSettings",
@@ -67,6 +70,8 @@ __all__ = [
     "TopologyMonitor",
     "TopologyReport",
     "UnknownFormatError",
+    "compare",
+    "compare_labels",
     "enforce",
     "euler",
     "euler_loss",
@@ -83,6 +88,7 @@ __all__ = [
     "list_adapters",
     "load",
     "losses",
+    "metrics",
     "pages",
     "refresh_adapters",
     "register_adapter",

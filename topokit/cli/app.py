@@ -21,6 +21,7 @@ from topokit.batch.names import distinguishing_names, name_as_data
 from topokit.batch.sources import Sources
 from topokit.cli.answers import answer_files, say
 from topokit.cli.bundle import takes_bundles
+from topokit.cli.comparing import compare
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.options import Given, Opener, described_options
 from topokit.cli.request import Request
@@ -221,7 +222,7 @@ def _print_number(
     answer_files(files, opener, request, writer, check=check)
 
 
-for command in (curvature, picture, handles, curve):
+for command in (compare, curvature, picture, handles, curve):
     app.command()(command)
 
 

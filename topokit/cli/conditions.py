@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,27 +49,31 @@ _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     ">": operator.gt,
     "<": operator.lt,
 }
-_COMPARISON = re.compile(rf"({'|'.join(_NUMBERS)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+)")
-
 EXPECTED = f"{', '.join(_WORDS)}, or a comparison such as genus>0 of {', '.join(_NUMBERS)} by {' '.join(_COMPARISONS)}"
 
 
-def parse_conditions(texts: Iterable[str]) -> list[Condition]:
+def parse_conditions(texts: Iterable[str], numbers: Sequence[str] = _NUMBERS) -> list[Condition]:
     """The conditions that texts, with commas between several, stand for.
 
     A number that is unknown meets every comparison: a check must not pass because nothing is known.
 
+    Args:
+        texts: as on the command line.
+        numbers: names that can be compared; words such as "open" go with those of reports.
+
     Raises:
         ValueError: if a text is none of those; the message says what was expected.
     """
-    return [_parse(part.strip()) for text in texts for part in text.split(",")]
+    return [_parse(part.strip(), numbers) for text in texts for part in text.split(",")]
 
 
-def _parse(text: str) -> Condition:
-    if text in _WORDS:
+def _parse(text: str, numbers: Sequence[str]) -> Condition:
+    if text in _WORDS and numbers is _NUMBERS:
         return Condition(text, _WORDS[text])
-    found = _COMPARISON.fullmatch(text.replace("-loops", "_loops").replace("solid-", "solid_"))
+    comparison = rf"({'|'.join(numbers)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+)"
+    found = re.fullmatch(comparison, text.replace("-loops", "_loops").replace("solid-", "solid_"))
     if found is None:
-        raise ValueError(f"{text!r} is no condition; expected {EXPECTED}.")
+        of_pairs = f"a comparison such as {numbers[0]}>0 of {', '.join(numbers)} by {' '.join(_COMPARISONS)}"
+        raise ValueError(f"{text!r} is no condition; expected {EXPECTED if numbers is _NUMBERS else of_pairs}.")
     column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])
     return Condition(text, lambda row: row[column] is None or compare(row[column], number), column)

@@ -104,9 +104,9 @@ class JsonLinesWriter(Writer):
 class CsvWriter(Writer):
     """One line per shape below a line with the names of the columns."""
 
-    def __init__(self, stream: TextIO) -> None:
+    def __init__(self, stream: TextIO, columns: Sequence[str] = COLUMNS) -> None:
         self._stream = stream
-        self._writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
+        self._writer = csv.DictWriter(stream, columns, lineterminator="\n")
         self._writer.writeheader()
 
     def write(self, answer: Answer) -> None:

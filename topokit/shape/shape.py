@@ -29,6 +29,7 @@ from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
 from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import certified_report
+from topokit.shape.compare import compare
 from topokit.shape.details import with_details
 from topokit.shape.features import features, narrow_places, with_features
 from topokit.shape.levels import euler_curve
@@ -415,6 +416,7 @@ class Shape:
     area = property(facts.area)
     volume = property(facts.volume)
     betti = facts.betti
+    compare = compare
     split = facts.split
     simplify_topology = facts.simplify_topology
     fill_boundaries = facts.fill_boundaries

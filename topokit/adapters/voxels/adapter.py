@@ -119,9 +119,9 @@ def from_voxels(
     """
     check_connectivity(connectivity)
     check_sample_count(n_samples, given_or_default(n_neighbors))
-    level = None if level is None else _as_number("level", level)
-    labels = _as_labels(label)
-    _check_choice(level, labels)
+    level = None if level is None else as_number("level", level)
+    labels = as_labels(label)
+    check_choice(level, labels)
     positions = None if starts is None else as_positions(starts, "starts")
     box = Box.of(periodic, edges)
     if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
@@ -256,7 +256,7 @@ def _as_position(origin: Corner) -> Corner:
     return x, y, z
 
 
-def _as_number(name: str, value: object) -> float:
+def as_number(name: str, value: object) -> float:
     if isinstance(value, Integral):
         return int(value)
     try:
@@ -265,19 +265,19 @@ def _as_number(name: str, value: object) -> float:
         raise InputError(f"{name} must be one number, got {value!r}.") from error
 
 
-def _as_labels(label: object) -> Labels:
+def as_labels(label: object) -> Labels:
     """None, one number or several as numbers without repetition, in ascending order."""
     if label is None:
         return ()
     if isinstance(label, str) or not isinstance(label, Iterable) or getattr(label, "ndim", 1) == 0:
-        return (_as_number("label", label),)
-    labels = tuple(sorted({_as_number("each label", one) for one in label}))
+        return (as_number("label", label),)
+    labels = tuple(sorted({as_number("each label", one) for one in label}))
     if not labels:
         raise InputError("label is empty; expected one label or several.")
     return labels
 
 
-def _check_choice(level: float | None, labels: Labels) -> None:
+def check_choice(level: float | None, labels: Labels) -> None:
     """An `InputError` if both a level and labels are given."""
     if labels and level is not None:
         given = "both ", Option("level", f"{level}"), " and ", Option("label", listed(labels)), " were given"

@@ -22,10 +22,13 @@ Cells = NDArray[np.uint8]
 BOTH, FIRST, SECOND, UNION = range(4)
 """Ranks: the cell belongs to both solids, to one of them, or to their union only. Lower ranks form subcomplexes."""
 
-EXTENT = 4  # the bit of axis 0; those of axes 1 and 2 follow
-PRESENT, CRITICAL, UPPER = 32, 64, 128  # states; the last two are given by `reduction`
+EXTENT = 4
+"""The bit of axis 0; those of axes 1 and 2 follow."""
 
-_IN_FIRST, _IN_SECOND, _IN_UNION = 1, 2, 4  # before they become ranks, so that bits can be joined
+PRESENT, CRITICAL, UPPER = 32, 64, 128
+"""States; the last two are given by `reduction`."""
+
+_IN_FIRST, _IN_SECOND, _IN_UNION = 1, 2, 4
 
 
 def labeled_cells(first: Booleans, second: Booleans, connectivity: int) -> Cells:

@@ -1,0 +1,101 @@
+"""`tk.compare` for arrays, files, labels and shapes of any kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+
+import topokit as tk
+from topokit.pairs import matched_files
+from topokit.testing import torus_mesh, torus_samples
+
+RING = np.zeros((12, 12, 5), np.uint8)
+RING[2:10, 2:10, 1:4] = 1
+RING[5:7, 5:7] = 0
+CUT = RING.copy()
+CUT[5, :5] = 0
+
+
+def test_arrays_tensors_shapes_and_files_agree(tmp_path) -> None:
+    np.save(tmp_path / "truth.npy", RING)
+    opened = tk.from_voxels(CUT)
+    ways = [(CUT, RING), (torch.tensor(CUT), RING > 0), (CUT * 255, tmp_path / "truth.npy")]
+    found = [tk.compare(*pair) for pair in ways] + [opened.compare(tk.from_voxels(RING)), tk.compare(opened, opened)]
+    assert {one.missing for one in found[:4]} == {(0, 1, 0)}
+    assert found[4].is_same
+    assert found[2].names == ("voxels", "truth.npy")
+    assert found[0].features[0].kind == "broken loop"
+
+
+def test_levels_labels_and_what_is_ignored() -> None:
+    assert tk.compare(CUT * 0.3, RING * 0.3, level=0.2).missing == (0, 1, 0)
+    marked = RING.copy()
+    marked[5, :5] = 7
+    assert tk.compare(CUT, marked, ignore=7).is_same
+    assert tk.compare(CUT, RING, ignore=marked == 7).is_same
+    assert tk.compare(CUT * 3, RING * 3, label=3).missing == (0, 1, 0)
+    with pytest.raises(tk.InputError, match="pass level="):
+        tk.compare(CUT * 0.3, marked)
+    with pytest.raises(tk.InputError, match="ignore has shape"):
+        tk.compare(CUT, RING, ignore=np.ones((2, 2, 2), bool))
+
+
+def test_grids_of_volumes_have_to_be_the_same(tmp_path) -> None:
+    with pytest.raises(tk.InputError, match="resample"):
+        tk.compare(RING, RING[1:])
+    nibabel = pytest.importorskip("nibabel")
+    for name, step in (("a.nii.gz", 1.0), ("b.nii.gz", 2.0)):
+        nibabel.save(nibabel.Nifti1Image(RING, np.diag([step, step, step, 1.0])), tmp_path / name)
+    with pytest.raises(tk.InputError, match=r"\(1.0, 1.0, 1.0\).*\(2.0, 2.0, 2.0\).*spacing="):
+        tk.compare(tmp_path / "a.nii.gz", tmp_path / "b.nii.gz")
+    assert tk.compare(tmp_path / "a.nii.gz", tmp_path / "b.nii.gz", spacing=1).is_same
+    assert [row[0] for row in matched_files(tmp_path, tmp_path)] == ["a", "b"]
+
+
+def test_a_row_for_each_label() -> None:
+    truth, predicted = RING * 1 + np.roll(RING, 1, 2) * 0, CUT.copy()
+    truth[0, 0, 0], predicted[11, 11, 4] = 4, 9
+    found = tk.compare_labels(predicted, truth)
+    assert {label: (one.missing, one.spurious) for label, one in found.items()} == {
+        1: ((0, 1, 0), (0, 0, 0)),
+        4: ((1, 0, 0), (0, 0, 0)),
+        9: ((0, 0, 0), (1, 0, 0)),
+    }
+    [feature] = found[9].features
+    assert feature.center == (11.0, 11.0, 4.0)
+    assert tk.compare_labels(truth, truth, [2])[2].is_same
+
+
+def test_meshes_clouds_and_functions_are_compared_as_solids() -> None:
+    torus = tk.from_mesh(*torus_mesh(major=1, minor=0.4))
+    ball = trimesh.creation.icosphere(radius=0.5)
+    assert torus.compare(torus, resolution=40).is_same
+    field = tk.from_sdf(
+        lambda x: ((x[:, 0] ** 2 + x[:, 1] ** 2).sqrt() - 1).hypot(x[:, 2]) - 0.4, bounds=(-1.6, 1.6), resolution=32
+    )
+    assert tk.compare(field, torus, resolution=40).matched == (1, 1, 0)
+    plugged = tk.compare(trimesh.util.concatenate([trimesh.creation.icosphere(radius=1.4)]), torus, resolution=40)
+    assert [one.kind for one in plugged.features] == ["filled tunnel"]
+    assert plugged.resolution == pytest.approx(2.8 / 40)
+    apart = tk.compare(ball, trimesh.creation.box(bounds=((5, 5, 5), (6, 6, 6))), resolution=30)
+    assert apart.matched == (0, 0, 0)
+    assert "do not meet" in apart.notes[0]
+    with pytest.raises(tk.InputError, match="only two volumes"):
+        tk.compare(torus, RING, level=0.5)
+
+
+def test_the_grid_says_what_it_does_not_show() -> None:
+    small = trimesh.creation.icosphere(radius=0.02)
+    small.apply_translation((2, 0, 0))
+    two = trimesh.util.concatenate([trimesh.creation.icosphere(radius=1), small])
+    found = tk.from_mesh(two).compare(tk.from_mesh(trimesh.creation.icosphere(radius=1)), resolution=10)
+    assert "its report counts 2, 0, 0" in found.notes[0]
+
+
+@pytest.mark.long
+def test_a_cloud_against_its_mesh() -> None:
+    cloud = tk.from_points(torus_samples(5000).points)
+    found = cloud.compare(tk.from_mesh(*torus_mesh(major=cloud.bounds[1][0] / 1.4, minor=0.4)), resolution=40)
+    assert found.matched == (1, 1, 0)

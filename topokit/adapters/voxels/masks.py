@@ -1,0 +1,55 @@
+"""Volumes as masks: which voxels are inside, also where none is."""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice, open_volume, placed
+from topokit.adapters.voxels.counting import Solid
+from topokit.core.arrays import Booleans
+from topokit.core.grid.grid import Grid, Spacing
+
+
+class OpenedVolume(NamedTuple):
+    """A volume in memory.
+
+    Attributes:
+        name: what to call it.
+        values: (X, Y, Z).
+        grid: where the centers of its voxels are.
+    """
+
+    name: str
+    values: Tensor
+    grid: Grid
+
+
+def opened_volume(
+    volume: str | os.PathLike[str] | Tensor | ArrayLike,
+    spacing: float | Spacing | None = None,
+    dataset: str | None = None,
+) -> OpenedVolume:
+    """The values of a volume, whose arguments and errors are those of `from_voxels`."""
+    name, values, found = open_volume(volume, dataset)
+    return OpenedVolume(name, values.detach().cpu(), placed(found, spacing, (0.0, 0.0, 0.0)).grid(values.shape))
+
+
+def mask_of(values: Tensor, level: float | None, label: float | tuple[float, ...] | None) -> Booleans:
+    """Which voxels (X, Y, Z) are inside, by level or label as for `from_voxels`; there may be none.
+
+    Raises:
+        InputError: if both are given, or neither and the volume is not binary.
+    """
+    level, labels = None if level is None else as_number("level", level), as_labels(label)
+    check_choice(level, labels)
+    solid = Solid(level, labels, 6)
+    inside, seen = solid.mark(np.asarray(values))
+    must_be_binary = level is None and not labels
+    if not seen.is_empty or (must_be_binary and not seen.is_binary):
+        solid.check(seen)
+    return inside

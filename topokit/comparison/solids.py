@@ -1,0 +1,108 @@
+"""Comparing two solids that are given voxel by voxel."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from topokit.comparison.agreement import Agreement, agreement
+from topokit.comparison.result import Bounds, Comparison, Difference, Kind
+from topokit.core.arrays import Booleans
+from topokit.core.comparison.pair import SolidPair
+from topokit.core.comparison.places import Box, Found, Places
+from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
+from topokit.core.grid.grid import Grid
+from topokit.errors import InputError
+
+_KINDS: tuple[dict[tuple[int, str], Kind], dict[tuple[int, str], Kind]] = (
+    {
+        (0, "alone"): "extra part",
+        (0, "divided"): "split part",
+        (1, "filled"): "hole",
+        (1, "absent"): "bridge",
+        (2, "alone"): "bubble",
+        (2, "divided"): "split cavity",
+        (2, "outside"): "sealed cavity",
+    },
+    {
+        (0, "alone"): "lost part",
+        (0, "divided"): "merged part",
+        (1, "filled"): "filled tunnel",
+        (1, "absent"): "broken loop",
+        (2, "alone"): "filled cavity",
+        (2, "divided"): "merged cavity",
+        (2, "outside"): "opened cavity",
+    },
+)
+_MOST_LOOPS = 100  # of a kind; each is a search of milliseconds
+
+
+def compare_solids(
+    first: Booleans,
+    second: Booleans,
+    grid: Grid | None = None,
+    *,
+    connectivity: int = DEFAULT_CONNECTIVITY,
+    tolerance: float | None = None,
+    names: tuple[str, str] = ("a", "b"),
+    resolution: float | None = None,
+    notes: tuple[str, ...] = (),
+) -> Comparison:
+    """Compare two solids on one grid; either may be empty.
+
+    Args:
+        first: (X, Y, Z), whether a voxel is in the solid that is judged.
+        second: (X, Y, Z), whether it is in the true one.
+        grid: where the centers of the voxels are; of unit cells if None.
+        connectivity: 6 or 26, that of both solids.
+        tolerance: as for `topokit.compare`.
+        names: of both.
+        resolution: as in `Comparison`.
+        notes: likewise.
+
+    Raises:
+        InputError: if the shapes differ, or the connectivity is neither 6 nor 26.
+    """
+    if first.shape != second.shape or first.ndim != 3:
+        raise InputError(
+            f"two solids on one grid (X, Y, Z) were expected, got {first.shape} and {second.shape}: bring them to one "
+            "grid first."
+        )
+    x, y, z = first.shape
+    grid = Grid((x, y, z)) if grid is None else grid
+    pair = SolidPair(first, second, connectivity)
+    numbers = pair.numbers
+
+    def find() -> tuple[Difference, ...]:
+        places = Places(pair, grid.spacing)
+        searches = places.parts, lambda side: places.tunnels(side, _MOST_LOOPS), places.cavities
+        return tuple(_difference(one, grid) for search in searches for side in (1, 0) for one in search(side))
+
+    def agree() -> Agreement:
+        near = max(grid.spacing) if tolerance is None else tolerance
+        return agreement(pair.first, pair.second, pair.parts.labels, grid.spacing, near)
+
+    betti = numbers.first, numbers.second, numbers.matched
+    return Comparison(names, pair.connectivity, resolution, *betti, notes, find, agree)
+
+
+def _difference(found: Found, grid: Grid) -> Difference:
+    loop = None if found.loop is None else found.loop * grid.spacing + grid.origin
+    return Difference(
+        dimension=found.dimension,
+        error="missing" if found.side else "spurious",
+        kind=_KINDS[found.side][found.dimension, found.how],
+        bounds=_bounds(found.box, grid),
+        volume=None if found.n_voxels is None else float(found.n_voxels * np.prod(grid.spacing)),
+        width=found.width,
+        loop=loop,
+        length=None if loop is None else float(np.linalg.norm(np.roll(loop, -1, 0) - loop, axis=1).sum()),
+        cause=None if found.cause is None else _bounds(found.cause, grid),
+    )
+
+
+def _bounds(box: Box, grid: Grid) -> Bounds:
+    """Lowest and highest corner of voxels, half a step around their centers."""
+    sides = list(zip(box, grid.spacing, grid.origin, strict=True))
+    x, y, z = (origin + step * (side.start - 0.5) for side, step, origin in sides)
+    u, v, w = (origin + step * (side.stop - 0.5) for side, step, origin in sides)
+    return (x, y, z), (u, v, w)

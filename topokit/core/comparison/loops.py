@@ -133,7 +133,8 @@ class _Search:
         return search_loop(*where, outer, inner, reach, self._seen)
 
 
-_AXES = np.array([0, 0, 1, 0, 2, 0, 0, 0])  # of an edge by its extents
+_AXES = np.array([0, 0, 1, 0, 2, 0, 0, 0])
+"""Of an edge, by its extents."""
 
 
 @compiled

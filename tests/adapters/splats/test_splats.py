@@ -113,11 +113,18 @@ def test_the_generator_decides_the_samples() -> None:
     assert torch.equal(tk.from_splats(splats).samples.points, tk.from_splats(splats).samples.points)
 
 
-def test_the_number_of_samples_follows_the_splats() -> None:
-    splats = splats_of(torus_scene(12_000))
-    assert tk.from_splats(splats).samples.n_points == 12_000
-    assert tk.from_splats(splats[:900]).samples.n_points == 5_000
+def test_every_splat_has_one_sample_unless_a_number_is_given() -> None:
+    scene = torus_scene(900)
+    splats = splats_of(scene)
+    points = tk.from_splats(splats).samples.points
+    assert float((points - splats.means).norm(dim=1).max()) <= 0.25 * scene.scales.max()
     assert tk.from_splats(splats, n_samples=333).samples.n_points == 333
+
+
+@pytest.mark.parametrize("n_splats", [400, 1500])
+def test_small_closed_scenes_are_likely(n_splats: int) -> None:
+    report = tk.from_splats(splats_of(torus_scene(n_splats))).report()
+    assert (report.verdict, report.genus, report.closed) == ("likely", 1, True)
 
 
 def test_a_torus_of_splats_has_an_estimate_near_zero() -> None:
@@ -158,7 +165,7 @@ def test_the_estimate_has_finite_gradients_everywhere() -> None:
         "quats": torch.from_numpy(scene.quaternions * 2).requires_grad_(),
         "opacities": torch.from_numpy(np.log(scene.opacities / (1.0001 - scene.opacities))).requires_grad_(),
     }
-    tk.from_splats(raw, n_samples=3000).gauss_bonnet().backward()
+    tk.from_splats(raw).gauss_bonnet().backward()
     for name in ("means", "scales", "quats"):
         gradient = raw[name].grad
         assert gradient is not None

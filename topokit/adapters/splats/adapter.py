@@ -20,8 +20,6 @@ from topokit.errors import InputError
 from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
 
-_FEWEST_SAMPLES, _MOST_SAMPLES = 5_000, 100_000
-
 
 @takes_addresses()
 def from_splats(
@@ -57,8 +55,8 @@ def from_splats(
             are blobs without a normal. If that is most of the scene, all are kept and normals are estimated from the
             samples.
         min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
-        n_samples: points on the discs, spread by area times opacity. By default as many as splats are kept, but at
-            least 5 000 and at most 100 000: several samples on one disc improve coverage, not curvature.
+        n_samples: None takes one sample near the mean of every splat that is kept. A number of points is spread over
+            the discs by area times opacity; gaps between discs then look like holes if there are more than splats.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness (CPU), advanced by one draw; seed 0 if None.
 
@@ -86,13 +84,12 @@ def from_splats(
         check_sample_count(n_samples, given_or_default(n_neighbors))
     name, splats = _open(source, activated)
     kept = clean(splats, limits, component)
-    count = n_samples or min(max(len(kept.splats), _FEWEST_SAMPLES), _MOST_SAMPLES)
     seed = deferred_seed(generator)
-    summary = f"{count} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
-    return Shape(lambda: _samples(kept, count, seed), name=name, notes=(*kept.notes, summary), n_neighbors=n_neighbors)
+    summary = f"{n_samples or len(kept.splats)} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
+    return Shape(lambda: _samples(kept, n_samples, seed), name=name, notes=(*kept.notes, summary), n_neighbors=n_neighbors)
 
 
-def _samples(kept: Kept, count: int, seed: int) -> SurfaceSamples:
+def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:
     on_discs = sample_discs(kept.splats, count, torch.Generator().manual_seed(seed))
     return SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
 

@@ -13,6 +13,7 @@ from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
 from topokit.core.draws import stratified_draw
 
 REACH = 1.0  # standard deviations: discs of this radius overlap in a trained scene without leaving the surface
+NEAR = 0.25  # the same for single samples, which stay as evenly spread as their splats
 
 
 @dataclass(frozen=True)
@@ -31,15 +32,18 @@ class DiscSamples:
     splat: Tensor
 
 
-def sample_discs(splats: GaussianSplats, n_samples: int, generator: torch.Generator | None = None) -> DiscSamples:
-    """Points spread over the discs in proportion to area times opacity.
+def sample_discs(
+    splats: GaussianSplats, n_samples: int | None = None, generator: torch.Generator | None = None
+) -> DiscSamples:
+    """One point near the mean of every splat, or points spread over the discs in proportion to area times opacity.
 
-    Splats are drawn stratified by weight in file order; the position on the disc is uniform on the ellipse of one
-    standard deviation around the mean.
+    Several points on one disc leave gaps between the discs that look like holes of the surface. For a number of points,
+    splats are drawn stratified by weight in file order. Positions are uniform on the ellipse of a quarter of a standard
+    deviation around the mean, or of one.
 
     Args:
         splats: N splats with finite rows, positive weight and unit quaternions.
-        n_samples: number of points M.
+        n_samples: number of points M; None for one on every splat.
         generator: source of randomness (CPU); seed 0 if None.
 
     Returns:
@@ -47,9 +51,13 @@ def sample_discs(splats: GaussianSplats, n_samples: int, generator: torch.Genera
         splats and positions on their discs.
     """
     generator = generator or torch.Generator().manual_seed(0)
-    splat = stratified_draw(disc_weights(splats).cpu(), n_samples, generator).to(splats.means.device)
-    radius, angle = torch.rand(2, n_samples, generator=generator, dtype=torch.float64)
-    radius, angle = REACH * radius.sqrt(), 2 * math.pi * angle  # without the square root the points crowd the center
+    if n_samples is None:
+        splat, reach = torch.arange(len(splats)), NEAR
+    else:
+        splat, reach = stratified_draw(disc_weights(splats).cpu(), n_samples, generator), REACH
+    splat = splat.to(splats.means.device)
+    radius, angle = torch.rand(2, len(splat), generator=generator, dtype=torch.float64)
+    radius, angle = reach * radius.sqrt(), 2 * math.pi * angle  # without the square root the points crowd the center
     position = torch.stack((radius * angle.cos(), radius * angle.sin()), dim=-1).to(splats.means)  # (M, 2)
     scales, order = splats.scales.sort(dim=-1, descending=True)  # (N, 3)
     axes = rotation_matrices(splats.quaternions).mT.take_along_dim(order[..., None], dim=-2)  # rows: largest first

@@ -53,7 +53,8 @@ def _shape(name: str, rng: np.random.Generator) -> tuple[trimesh.Trimesh, float]
         minor = float(rng.uniform(0.15, 0.6))
         return trimesh.Trimesh(*torus_mesh(256, 128, minor=minor), process=False), 2 * min(minor, 1 - minor)
     radius = float(rng.uniform(0.1, 0.3))
-    return trimesh.Trimesh(*torus_knot(2, 3, radius=radius), process=False), min(2 * radius, 1 - 2 * radius)  # strands are a unit apart
+    width = min(2 * radius, 1 - 2 * radius)  # strands are a unit apart
+    return trimesh.Trimesh(*torus_knot(2, 3, radius=radius), process=False), width
 
 
 def measured(number: int) -> dict[str, Any]:

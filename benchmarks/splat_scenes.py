@@ -62,4 +62,3 @@ def splats_at(
         rng.uniform(style.faintest, 1, count),
     )
     return tk.GaussianSplats(*(torch.from_numpy(np.ascontiguousarray(part)) for part in parts))
-

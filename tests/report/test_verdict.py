@@ -23,6 +23,7 @@ from topokit.report.verdict import (
     cloud_verdict,
     function_verdict,
     has_thin_edges,
+    is_mostly_seen,
     is_open,
     is_open_sheet,
     lids,
@@ -130,7 +131,7 @@ def test_each_rule_of_wires_decides_alone_at_its_limit(name: str) -> None:
 
 
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
-    elsewhere = {"confidence", "thin_edges", "open_length", "overlap"}  # in the tests below and above
+    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped"}  # in the tests below and above
     assert {*CLOUD_RULES, *WIRE_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
 
@@ -147,6 +148,15 @@ def test_clouds_with_lids_or_long_curves_are_open() -> None:
     assert not is_open(long, a_witness(quality={"crowded_boundary": 1.0}))
     assert not is_open(rim(), None)
     assert is_open(short, None)
+
+
+def test_lids_that_are_most_of_the_surface_close_no_solid() -> None:
+    share = limit("capped")
+    n_used = a_witness().n_used
+    covered = n_used * share / (1 - share)
+    for factor, is_solid in ((0.99, True), (1.01, False)):
+        witness = a_witness(lids=(UncoveredPatch(factor * covered, np.arange(3)),))
+        assert is_mostly_seen(witness) is is_solid
 
 
 def test_curves_in_crowded_samples_run_along_thin_edges() -> None:

@@ -65,7 +65,11 @@ class Given:
     ] = None
     resolution: Annotated[Text, _of("Networks: cells along the longest side of the finest grid.")] = None
     field_resolution: Annotated[Text, _of("Networks: cells along the longest side of the grid of the field.")] = None
-    component: Annotated[Text, _of("Splats: all, largest, or the number of a cluster.")] = None
+    object: Annotated[
+        bool | None, _of("Splats: only the object in the middle, without its surroundings.", "--object")
+    ] = None
+    surroundings: Annotated[Text, _of("Splats: true cuts tables, floors and walls off, false keeps them.")] = None
+    component: Annotated[Text, _of("Splats: all, largest, middle, or the number of a cluster.")] = None
     min_opacity: Annotated[Text, _of("Splats: fainter ones are dropped.")] = None
     max_size_ratio: Annotated[Text, _of("Splats: those larger than so many times the median are dropped.")] = None
     max_thickness_ratio: Annotated[Text, _of("Splats: those thicker than this share of their size are dropped.")] = None

@@ -75,6 +75,36 @@ def picture(
 
 
 @takes_bundles
+def clean(
+    file: Annotated[str, typer.Argument(help="Splats (.ply, .splat or .spz).", metavar="FILE")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="File to write, in the same format.")],
+    given: Given,
+) -> None:
+    """Write the splats that are kept, as they are in the file: with --object only the object in the middle.
+
+    Standard error says what was dropped.
+    """
+    opener = given.opener()
+
+    def answer(shape: object, source: Source, is_single: bool) -> str:
+        from topokit.plugins.foreign_code import answer_of, options_of
+        from topokit.plugins.registry import adapter_for
+
+        adapter, options = adapter_for(source.path, opener.adapter), opener(source.path)[1]
+        if adapter.write_kept is None:
+            raise InputError(f"{source.path}: adapter {adapter.name!r} keeps all of a file, so nothing is written.")
+        if unknown := options.keys() - (options_of(adapter, "write_kept") or options).keys():
+            raise InputError(f"{source.path}: {min(unknown)} is no option of what is written.")
+        *dropped, kept = answer_of(adapter, "write_kept", source.path, output, **options)
+        for note in dropped:
+            say(f"{source.name}: {note}")
+        return f"{printable(str(output))}: {kept}"
+
+    if _ask([file], None, opener, answer, output, open_one=lambda path: path):
+        raise typer.Exit(1)
+
+
+@takes_bundles
 def handles(
     files: Annotated[list[str], typer.Argument(help="Files, folders and patterns.", metavar="FILE...")],
     given: Given,
@@ -200,10 +230,11 @@ def _ask(
     files: list[str],
     format: str | None,
     opener: Opener,
-    answer: Callable[[Shape, Source, bool], str],
+    answer: Callable[[Any, Source, bool], str],
     output: Path | None = None,
     *,
     several: bool = False,
+    open_one: Callable[[Path | str], object] | None = None,
 ) -> bool:
     """Open files and print what is found out about their shapes; whether that failed for one of them.
 
@@ -214,8 +245,9 @@ def _ask(
         answer: what to print about a shape, given its source and whether it is the only one; nothing if it is empty.
         output: file that will be written, which must be another one, or None.
         several: whether there may be several files.
+        open_one: opens a path; by default the opener does.
     """
-    failed = False
+    failed, open_one = False, open_one or opener.open
     with sources_of(files, format, opener.adapter) as found:
         is_single = len(found.sources) == 1
         if not is_single and not several:
@@ -228,7 +260,7 @@ def _ask(
                         raise InputError(f"{output} is the file to read; name another one to write.")
                     if source.problem is not None:
                         raise InputError(source.problem)
-                    text, problem = answer(opener.open(source.path), source, is_single), None
+                    text, problem = answer(open_one(source.path), source, is_single), None
                 except TopokitError as error:
                     error.rename(str(source.path), source.name)
                     text, problem, failed = "", opener.worded(error), True

@@ -51,6 +51,8 @@ class Adapter:
             cluster are to share the file. `open` then gets them as its option `client`, a `dask.distributed.Client`.
         may_open: a function of the path, or its name: whether a file in a folder with one of the suffixes may be of
             this kind. For suffixes that notes and tables have, too; without it all are taken.
+        write_kept: a function (source, target, **options), or its name, that writes the part of a file that `open`
+            keeps, in its format, and returns a sentence for each part that was dropped and one for what was kept.
         shows_progress: whether it draws a progress bar itself while it opens and examines a file.
         runs_code: None, or a sentence for callers who did not ask for it, if files of its kind are programs that run
             when they are opened. Such an adapter opens only what the caller names, the file itself and the adapter: it
@@ -74,6 +76,7 @@ class Adapter:
     open_labels: str | Callable[..., Mapping[int, Shape]] | None = None
     is_large: str | Callable[..., bool] | None = None
     may_open: str | Callable[[Path], bool] | None = None
+    write_kept: str | Callable[..., tuple[str, ...]] | None = None
     shows_progress: bool = False
     problem: str | None = None
 

@@ -178,7 +178,7 @@ _CHECKS: tuple[tuple[tuple[str, ...], Callable[[Any], bool], str], ...] = (
     (("shows_progress",), lambda value: isinstance(value, bool), "True or False"),
     (("runs_code",), lambda value: value is None or (isinstance(value, str) and value != ""), "a sentence, or None"),
     (
-        ("opener", "open_labels", "is_large", "may_open"),
+        ("opener", "open_labels", "is_large", "may_open", "write_kept"),
         *(_is_function, "a function, or its name as 'package.module:function'"),
     ),
     (("can_open",), callable, "a function of the path"),

@@ -29,8 +29,8 @@ from topokit.report.verdict import (
     cloud_checks,
     cloud_verdict,
     has_genus,
+    is_mostly_seen,
     is_open,
-    is_open_sheet,
     lids,
     wire_checks,
 )
@@ -91,30 +91,51 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 
 
 def _open_report(found: Examination) -> TopologyReport:
-    """The surface that ends along its rims: an open sheet, or the surface of a solid without the discs that fill it.
+    """The surface that ends along its rims: that of a solid without the lids over its holes, or an open sheet.
 
-    Every rim bounds one disc of the closed surface that was found, so each takes one from its Euler characteristic.
-    Where no rim could be traced, every lid over a hole is taken for such a disc, and the genus is unknown.
+    χ, components, rims and genus are those of one surface: with a disc in every rim it has the same genus. The χ of a
+    solid's surface is that of its votes, less one for every lid. That of a sheet is the nearest to its estimate that a
+    surface with so many rims has; without a traced rim its genus is unknown.
     """
     witness, boundary = found.witness, found.part.boundary
-    components, n_loops = _cloud_components(found), len(boundary.curves)
-    n_discs = n_loops or len(lids(witness))
-    if witness is None or is_open_sheet(boundary, witness):
-        n_components, euler = len(components), round(found.part.estimate)
+    components, covers = _cloud_components(found), lids(witness)
+    if witness is not None and covers and is_mostly_seen(witness):
+        widths = tuple(sorted((_width(found, cover.samples) for cover in covers), reverse=True))
+        n_components, n_discs = witness.components + witness.cavities, len(covers)
+        nearest = float(_solid_euler(witness) - n_discs)
     else:
-        n_components, euler = witness.components + witness.cavities, witness.euler - n_discs
+        widths = tuple(sorted((_width(found.part, curve.index.numpy()) for curve in boundary.curves), reverse=True))
+        n_components, n_discs, nearest = len(components), len(boundary.curves), found.part.estimate
+        if not n_discs and witness is not None:
+            n_components, n_discs = witness.components + witness.cavities, len(covers)
+            nearest = float(_solid_euler(witness) - n_discs)
+    most = 2 * n_components - n_discs
+    euler = min(most, most - 2 * round((most - nearest) / 2))
     where = (*_where_open(found.part), *_where_uncovered(found))
     return _report(
         found,
-        euler=min(euler, 2 * n_components - n_discs),  # the most that any surface with so many rims has
+        euler=euler,
         verdict="unsure",
         reasons=(*where, *_refusal(found)),
         n_deciding=len(where),
         components=components,
         n_components=n_components,
-        genus=fitting_genus(euler, n_loops, n_components) if n_loops else None,
-        boundary_loops=n_loops or None,  # rims that cannot be traced cannot be counted
+        genus=fitting_genus(euler, n_discs, n_components) if widths else None,
+        boundary_loops=len(widths) or None,  # rims that cannot be traced cannot be counted
+        rim_widths=widths,
     )
+
+
+def _solid_euler(witness: Witness) -> int:
+    """χ of the votes, or, where no solid has it, that of the first cut, whose parts are counted."""
+    return witness.euler if has_genus(witness) or witness.surface is None else witness.surface.euler
+
+
+def _width(found: Examination, rows: NDArray[np.int64]) -> float:
+    """The longest side of the box of some samples."""
+    points = found.samples.points[torch.from_numpy(rows).to(found.samples.points.device)]
+    low, high = points.aminmax(dim=0)
+    return float((high - low).max())
 
 
 def _without_solid(found: Examination) -> TopologyReport:
@@ -144,6 +165,7 @@ def _report(
     boundary_loops: int | None = None,
     closed: bool = False,
     confidence: float | None = None,
+    rim_widths: tuple[float, ...] = (),
 ) -> TopologyReport:
     witness = found.witness
     return TopologyReport(
@@ -166,6 +188,7 @@ def _report(
         per_component=components,
         n_deciding=n_deciding,
         confidence=confidence,
+        rim_widths=rim_widths,
     )
 
 

@@ -127,6 +127,8 @@ class TopologyReport:
         features: parts, tunnels and cavities with their widths, or None if they were not measured.
         doubts: places of a cloud's surface that are narrower than `resolution`, where the answer may be wrong, or None
             if they were not looked for.
+        rim_widths: of an open cloud, the longest side of the box of each rim, widest first. χ, components, boundary
+            loops and genus are those of the surface that ends there; closing each rim by a disc keeps its genus.
     """
 
     name: str
@@ -155,6 +157,7 @@ class TopologyReport:
     connectivity_density: float | None = None
     features: SolidFeatures | None = None
     doubts: tuple[NarrowPlace, ...] | None = None
+    rim_widths: tuple[float, ...] = ()
 
     @property
     def pieces(self) -> int | None:
@@ -200,13 +203,21 @@ class TopologyReport:
         answer = "unknown" if self.euler is None else str(self.euler)
         parts = [f"Euler characteristic {answer} ({self.verdict}{self._claim()})"]
         if self.genus is not None:
-            parts.append(f"genus {self.genus}")
+            parts.append(f"genus {self.genus}{self._closing()}")
         parts.append(plural(self.components, "component"))
         parts.append("closed" if self.closed else "not closed")
         if self.solid_betti is not None and self.cavities:
             pieces, tunnels, cavities = _solid_parts(self.solid_betti)
             parts.append(f"bounding a solid of {pieces} with {tunnels} and {cavities}")
         return ", ".join(parts)
+
+    def _closing(self) -> str:
+        """Which rims of a cloud have to be closed."""
+        if not self.rim_widths:
+            return ""
+        if len(self.rim_widths) == 1:
+            return f" after closing 1 rim ({self.rim_widths[0]:.2g} wide)"
+        return f" after closing {len(self.rim_widths)} rims (the largest {self.rim_widths[0]:.2g} wide)"
 
     def _claim(self) -> str:
         """Which features a likely integer counts."""
@@ -320,17 +331,18 @@ def known_euler(report: TopologyReport) -> int:
     return report.euler
 
 
-def known_genus(report: TopologyReport, *, is_manifold: bool | None = None) -> int:
+def known_genus(report: TopologyReport, *, is_manifold: bool | None = None, cap: bool = True) -> int:
     """The report's genus.
 
     Args:
         report: of a shape.
+        cap: whether the genus of an open surface is an answer.
         is_manifold: whether the surface was counted to be a manifold, or None if it was not.
 
     Raises:
         GenusError: if it is undefined or unknown; the message says why and which call says more.
     """
-    if report.genus is not None:
+    if report.genus is not None and (cap or report.closed):
         return report.genus
     if is_manifold:
         reason, call = "The surface is one-sided (not orientable).", f"shape.report().euler is {report.euler}."

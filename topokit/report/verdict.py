@@ -114,6 +114,13 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "boundary length of a solid with gaps; above it, the cloud is an open sheet",
             _ANALYTIC,
         ),
+        "capped": Threshold(
+            0.35,
+            "at most",
+            "share of area",
+            "lids over the holes of the closed surface that was found; above it, the cloud is an open sheet",
+            "a hemisphere's lid is 0.33 of its closed surface, that of a flat sheet 0.5",
+        ),
         "wire_share": Threshold(
             0.3, "at least", "share of weight", "radii of the union of balls that give the integer of a wire", _TUBES
         ),
@@ -261,6 +268,12 @@ def has_genus(witness: Witness) -> bool:
 def lids(witness: Witness | None) -> tuple[UncoveredPatch, ...]:
     """The patches of the found surface that are lids over holes of the cloud, not gaps between random samples."""
     return () if witness is None else witness.lids
+
+
+def is_mostly_seen(witness: Witness) -> bool:
+    """Whether lids are the smaller part of the closed surface that was found, so that it bounds a solid with holes."""
+    missing = sum(patch.missing for patch in witness.lids)
+    return THRESHOLDS["capped"].allows(missing / (witness.n_used + missing))
 
 
 def has_thin_edges(boundary: BoundaryEstimate, witness: Witness) -> bool:

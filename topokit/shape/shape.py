@@ -196,20 +196,23 @@ class Shape:
             mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
         return self._with(samples, mesh)
 
-    def genus(self, *, above: float | None = None) -> int:
+    def genus(self, *, above: float | None = None, cap: bool = True) -> int:
         """Handles summed over components, from the report's integer.
 
         Args:
             above: count only handles at least so wide, in units of length; see `features`.
+            cap: whether an open surface has a genus: that of the surface with a disc in each of its rims, whose widths
+                the report says. False accepts closed surfaces only.
 
         Raises:
-            GenusError: if the surface is not a manifold or not orientable, or its genus is unknown; the message names
-                the call that says more.
+            GenusError: if the surface is not a manifold or not orientable, its genus is unknown, or it is open and
+                `cap` is False; the message names the call that says more.
             InputError: with `above`, as for `features`.
         """
         if above is not None:
             return self.features(above).above(above).genus
-        return known_genus(self.report(), is_manifold=None if self.counted is None else self.counted.manifold)
+        manifold = None if self.counted is None else self.counted.manifold
+        return known_genus(self.report(), is_manifold=manifold, cap=cap)
 
     def report(
         self, *, details: bool = False, locate: bool = False, features: bool | float = False, certify: bool = False

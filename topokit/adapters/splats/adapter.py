@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,7 +27,9 @@ def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,
     *,
     activated: bool = False,
-    component: Component = "all",
+    object: bool = False,
+    component: Component | None = None,
+    surroundings: bool | None = None,
     min_opacity: float | None = 0.1,
     max_size_ratio: float | None = 10.0,
     max_thickness_ratio: float | None = 0.5,
@@ -46,8 +49,14 @@ def from_splats(
             Tensors keep dtype, device and gradient; files are sampled in float64.
         activated: for dictionaries: False for what a trainer stores (log scales, logit opacities), True for linear
             scales and opacities 0 … 1.
-        component: "all" keeps every cluster that is not isolated, "largest" the one with most area, an index chooses
-            one, counted by area from 0. Gaps below about two median disc sizes do not separate clusters.
+        object: whether to keep the object in the middle alone, as `GaussianSplats.object` does. It changes the defaults
+            of the next two arguments, each of which switches its step off again.
+        component: "all" keeps every cluster that is not isolated, "largest" the one with most area, "middle" the
+            nearest to the middle of the scene (of those with a fifth of the largest one's area), an index chooses one,
+            counted by area from 0. Gaps below about two median disc sizes do not separate clusters. None is "all", and
+            "middle" of an object.
+        surroundings: whether planes on or before which an object stands (table, floor, walls) are cut off with all
+            that is behind them. None does so of an object only.
         min_opacity: splats of lower opacity are dropped. None switches this and each of the following three off.
         max_size_ratio: splats whose largest scale exceeds the median of the scene this many times are dropped
             (background, sky).
@@ -79,14 +88,54 @@ def from_splats(
         >>> round(float(tk.from_splats(splats).gauss_bonnet()))
         2
     """
-    limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)
+    ratios = (min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)
+    limits = _limits(object, component, surroundings, *ratios)
     if n_samples is not None:
         check_sample_count(n_samples, given_or_default(n_neighbors))
     name, splats = _open(source, activated)
-    kept = clean(splats, limits, component)
+    kept = clean(splats, limits)
     seed = deferred_seed(generator)
     summary = f"{n_samples or len(kept.splats)} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
-    return Shape(lambda: _samples(kept, n_samples, seed), name=name, notes=(*kept.notes, summary), n_neighbors=n_neighbors)
+    notes = (*kept.notes, summary)
+    return Shape(lambda: _samples(kept, n_samples, seed), name=name, notes=notes, n_neighbors=n_neighbors)
+
+
+def write_kept(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    *,
+    object: bool = False,
+    component: Component | None = None,
+    surroundings: bool | None = None,
+    min_opacity: float | None = 0.1,
+    max_size_ratio: float | None = 10.0,
+    min_cluster_share: float | None = 0.01,
+) -> tuple[str, ...]:
+    """Write the splats of a file that `from_splats` keeps, but for those that have no normal, in its format.
+
+    Args:
+        source: a .ply, .splat or .spz file; see `Kept.save`.
+        target: file to write.
+        object: as for `from_splats`, likewise the following.
+        component: of the clusters.
+        surroundings: whether planes are cut off.
+        min_opacity: limit of haze.
+        max_size_ratio: limit of background.
+        min_cluster_share: limit of floaters.
+
+    Returns:
+        A sentence for everything that was dropped, with its count, and one for what was kept.
+    """
+    scene = GaussianSplats.from_file(source)
+    limits = _limits(object, component, surroundings, min_opacity, max_size_ratio, None, min_cluster_share)
+    kept = clean(scene, limits)
+    kept.save(target, like=source)
+    return *kept.notes, f"{len(kept)} of {len(scene)} splats were kept."
+
+
+def _limits(object: bool, component: Component | None, surroundings: bool | None, *ratios: float | None) -> Limits:
+    chosen: Component = component if component is not None else "middle" if object else "all"
+    return Limits(*ratios, chosen, object if surroundings is None else surroundings)
 
 
 def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:
@@ -94,7 +143,7 @@ def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:
     return SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
 
 
-def _open(source: object, activated: bool) -> tuple[str, GaussianSplats]:
+def _open(source: Any, activated: bool) -> tuple[str, GaussianSplats]:
     if isinstance(source, Mapping | torch.nn.ParameterDict):
         return "splats", GaussianSplats.from_dict(source, activated=activated)
     if activated:

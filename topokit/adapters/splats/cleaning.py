@@ -1,16 +1,24 @@
-"""Filters that leave the surface of a scene: by opacity, size and flatness, then by cluster."""
+"""Filters that leave the surface of a scene: by opacity, size and flatness, by planes around it, then by cluster."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.adapters.splats.clusters import Component, choose_clusters
-from topokit.adapters.splats.gaussians import GaussianSplats
-from topokit.adapters.splats.geometry import disc_areas, thickness
+from topokit.adapters.splats.formats.rows import copy_rows
+from topokit.adapters.splats.geometry import disc_areas, disc_weights, thickness
+from topokit.adapters.splats.surroundings import Plane, surrounding_planes
 from topokit.errors import InputError, Option
+
+if TYPE_CHECKING:
+    from topokit.adapters.splats.gaussians import GaussianSplats
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,8 @@ class Limits:
     max_size_ratio: float | None
     max_thickness_ratio: float | None
     min_cluster_share: float | None
+    component: Component = "all"
+    surroundings: bool = False
 
     def __post_init__(self) -> None:
         for name in ("min_opacity", "max_thickness_ratio", "min_cluster_share"):
@@ -38,61 +48,125 @@ class Limits:
             )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kept:
     """The splats that passed the filters.
 
     Attributes:
-        splats: the splats kept, differentiable in the ones given.
-        is_flat: whether at least half of them are discs, so that their rotations give normals.
+        splats: the M splats kept, differentiable in the ones given.
+        rows: (M,) their indices in the scene.
         notes: a sentence for everything that was dropped, with its count.
+        is_flat: whether at least half of them are discs, so that their rotations give normals.
+        planes: the planes of the surroundings that were cut off.
     """
 
     splats: GaussianSplats
-    is_flat: bool
-    notes: tuple[str, ...]
+    rows: Tensor
+    notes: tuple[str, ...] = ()
+    is_flat: bool = True
+    planes: tuple[Plane, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def save(self, target: str | os.PathLike[str], *, like: str | os.PathLike[str]) -> None:
+        """Write these splats of the file that the scene was read from, with its colors and all other columns.
+
+        Args:
+            target: file to write, in the format of the other one.
+            like: the .ply, .splat or .spz file (version 1 to 3) of the scene. `GaussianSplats.to_ply` writes splats of
+                any origin without colors.
+
+        Raises:
+            InputError: if the target has another suffix, its folder does not exist, or the file has fewer splats.
+            UnknownFormatError: if the splats of the file cannot be taken apart without loss.
+        """
+        copy_rows(like, self.rows.cpu().numpy(), target)
+
+    def chosen(self, mask: Tensor, *notes: str) -> Kept:
+        """Those of a mask (M,), with more notes."""
+        if bool(mask.all()):
+            return self
+        mask = mask.to(self.rows.device)
+        return replace(self, splats=self.splats[mask], rows=self.rows[mask], notes=self.notes + notes)
+
+    def without(self, dropped: Tensor, why: Why) -> Kept:
+        """Those that are not in a mask (M,), and how many are.
+
+        Raises:
+            InputError: if nothing is left.
+        """
+        n_dropped = int(dropped.sum())
+        if n_dropped == len(self):
+            left = ": nothing is left. Relax that limit, or pass None to skip it."
+            raise InputError(f"all {n_dropped} splats ", *why, left)
+        return self.chosen(~dropped, f"{n_dropped} of {len(self)} splats {_said(why)} and were dropped.")
 
 
 Why = tuple[str | Option, ...]
 
 
-def clean(splats: GaussianSplats, limits: Limits, component: Component) -> Kept:
+def clean(splats: GaussianSplats, limits: Limits) -> Kept:
     """Drop what is not surface and choose a cluster. The splats stay differentiable, the choice is not.
 
     Raises:
         InputError: if nothing is left, most rows are broken, or there is no such component.
     """
-    notes: list[str] = []
-    splats = _without_broken(splats, notes)
+    kept = _without_broken(Kept(splats, torch.arange(len(splats), device=splats.means.device)))
     if limits.min_opacity is not None:
-        faint = splats.opacities < limits.min_opacity
-        why: Why = "are fainter than ", Option("min_opacity", f"{limits.min_opacity:g}")
-        splats = _drop(splats, faint, why, notes)
+        faint = kept.splats.opacities < limits.min_opacity
+        kept = kept.without(faint, ("are fainter than ", Option("min_opacity", f"{limits.min_opacity:g}")))
     if limits.max_size_ratio is not None:
-        size = splats.scales.detach().amax(-1)
+        size = kept.splats.scales.detach().amax(-1)
         huge = size > limits.max_size_ratio * size.median()
-        why = "are larger than ", Option("max_size_ratio", f"{limits.max_size_ratio:g}"), " times the median"
-        splats = _drop(splats, huge, why, notes)
-    is_flat = True
+        ratio = Option("max_size_ratio", f"{limits.max_size_ratio:g}")
+        kept = kept.without(huge, ("are larger than ", ratio, " times the median"))
     if limits.max_thickness_ratio is not None:
-        splats, is_flat = _without_thick(splats, limits.max_thickness_ratio, notes)
-    return Kept(choose_clusters(splats, limits.min_cluster_share, component, notes), is_flat, tuple(notes))
+        kept = _without_thick(kept, limits.max_thickness_ratio)
+    middle = _weighted_median(kept.splats)
+    if limits.surroundings:
+        kept = _without_surroundings(kept)
+    notes: list[str] = []
+    mask = choose_clusters(kept.splats, limits.min_cluster_share, limits.component, middle, notes)
+    return kept.chosen(mask, *notes)
 
 
-def _without_thick(splats: GaussianSplats, max_ratio: float, notes: list[str]) -> tuple[GaussianSplats, bool]:
-    """The discs, or all splats where most are blobs; and whether they are discs."""
-    thick = thickness(splats) > max_ratio
+def _weighted_median(splats: GaussianSplats) -> NDArray[np.float64]:
+    """The place (3,) that halves the area along each axis: what a scene shows most is around it."""
+    means, weights = splats.means.detach().double().cpu().numpy(), disc_weights(splats).cpu().numpy()
+    order = means.argsort(axis=0)
+    half = (weights[order].cumsum(0) < 0.5).sum(0).clip(max=len(means) - 1)
+    return np.take_along_axis(means, np.take_along_axis(order, half[None], axis=0), axis=0)[0]
+
+
+def _without_surroundings(kept: Kept) -> Kept:
+    """The splats before all planes of the surroundings."""
+    for plane in surrounding_planes(kept.splats):
+        beyond = plane.beyond(kept.splats.means.detach().double().cpu().numpy())
+        normal = ", ".join(f"{value + 0.0:.2f}" for value in plane.normal)
+        why = (
+            f"lie on or behind a plane of the surroundings with {plane.share:.0%} of the area (normal ({normal}), "
+            f"offset {plane.offset:.3g}; surroundings=False keeps them)"
+        )
+        kept = replace(kept.without(torch.from_numpy(beyond), (why,)), planes=(*kept.planes, plane))
+    return kept
+
+
+def _without_thick(kept: Kept, max_ratio: float) -> Kept:
+    """The discs, or all splats where most are blobs."""
+    thick = thickness(kept.splats) > max_ratio
     why: Why = "are thicker than ", Option("max_thickness_ratio", f"{max_ratio:g}")
-    if 2 * int(thick.sum()) <= len(splats):
-        return _drop(splats, thick, why, notes), True
-    notes.append(
-        f"{int(thick.sum())} of {len(splats)} splats {_said(why)}: most are blobs, not discs. They were kept; their "
+    if 2 * int(thick.sum()) <= len(kept):
+        return kept.without(thick, why)
+    note = (
+        f"{int(thick.sum())} of {len(kept)} splats {_said(why)}: most are blobs, not discs. They were kept; their "
         "rotations give no normals, which are estimated from the samples instead."
     )
-    return splats, False
+    return replace(kept, is_flat=False, notes=(*kept.notes, note))
 
 
-def _without_broken(splats: GaussianSplats, notes: list[str]) -> GaussianSplats:
+def _without_broken(kept: Kept) -> Kept:
+    splats = kept.splats
     parts = (splats.means, splats.scales, splats.quaternions, splats.opacities[:, None])
     sound = torch.cat([part.detach() for part in parts], dim=1).isfinite().all(-1)
     sound &= (splats.quaternions.detach() != 0).any(-1) & (disc_areas(splats) > 0)
@@ -102,18 +176,7 @@ def _without_broken(splats: GaussianSplats, notes: list[str]) -> GaussianSplats:
             f"{n_broken} of {len(splats)} splats are NaN, infinite, without rotation or of no area. "
             "More than half of the scene is invalid: keep the valid rows yourself if you want to use them."
         )
-    return _drop(splats, ~sound, ("are NaN, infinite, without rotation or of no area",), notes)
-
-
-def _drop(splats: GaussianSplats, dropped: Tensor, why: Why, notes: list[str]) -> GaussianSplats:
-    n_dropped = int(dropped.sum())
-    if n_dropped == 0:
-        return splats
-    if n_dropped == len(splats):
-        left = ": nothing is left. Relax that limit, or pass None to skip it."
-        raise InputError(f"all {n_dropped} splats ", *why, left)
-    notes.append(f"{n_dropped} of {len(splats)} splats {_said(why)} and were dropped.")
-    return splats[~dropped]
+    return kept.without(~sound, ("are NaN, infinite, without rotation or of no area",))
 
 
 def _said(why: Why) -> str:

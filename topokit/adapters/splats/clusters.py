@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from torch import Tensor
 
-from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
 from topokit.core.labels import connected_labels
 from topokit.errors import InputError
 
-Component = Literal["largest", "all"] | int
+if TYPE_CHECKING:
+    from topokit.adapters.splats.gaussians import GaussianSplats
+
+Component = Literal["largest", "all", "middle"] | int
 _REACH = 1.5  # standard deviations, radius of a disc when clusters are formed
 _LINK = 2.0  # cells of the cluster grid per median size
+_LARGE = 0.2  # share of the largest cluster's area from which a cluster can be the object in the middle
 
 
 def choose_clusters(
-    splats: GaussianSplats, min_cluster_share: float | None, component: Component, notes: list[str]
-) -> GaussianSplats:
-    """The splats of the clusters asked for, numbered by area times opacity from the largest.
+    splats: GaussianSplats,
+    min_cluster_share: float | None,
+    component: Component,
+    middle: NDArray[np.float64],
+    notes: list[str],
+) -> Tensor:
+    """Which splats (N,) belong to the clusters asked for, numbered by area times opacity from the largest.
 
     Args:
         splats: N splats with finite rows.
         min_cluster_share: clusters of less than this share are isolated and never chosen; None for no limit.
-        component: "largest", "all" that are not isolated, or an index.
+        component: "largest", "all" that are not isolated, "middle" (the nearest to the middle of those with a fifth of
+            the largest one's area), or an index.
+        middle: (3,), of the scene.
         notes: what is dropped is added here, with its count.
 
     Raises:
         InputError: if there is no such component.
     """
-    labels = _clusters(splats)
-    shares = np.bincount(labels, disc_weights(splats).cpu().numpy()).astype(np.float64)
+    labels, weights = _clusters(splats), disc_weights(splats).cpu().numpy()
+    shares = np.bincount(labels, weights).astype(np.float64)
     order = np.argsort(-shares, kind="stable")
     isolated = shares < (0 if min_cluster_share is None else min_cluster_share)
     isolated[order[0]] = False
@@ -43,12 +53,17 @@ def choose_clusters(
         chosen = order
     elif component == "largest":
         chosen = order[:1]
+    elif component == "middle":
+        large = order[shares[order] >= _LARGE * shares[order[0]]]
+        means = splats.means.detach().double().cpu().numpy()
+        centers = np.stack([np.bincount(labels, weights * column) for column in means.T], axis=1) / shares[:, None]
+        chosen = large[[np.linalg.norm(centers[large] - middle, axis=1).argmin()]]
     elif isinstance(component, int) and not isinstance(component, bool) and 0 <= component < len(order):
         chosen = order[component : component + 1]
     else:
         raise InputError(
-            f"component is {component!r}; expected 'largest', 'all' or an index 0 … {len(order) - 1}: there are "
-            f"{len(order)} clusters, with {_percentages(shares[order])} of the area."
+            f"component is {component!r}; expected 'largest', 'middle', 'all' or an index 0 … {len(order) - 1}: there "
+            f"are {len(order)} clusters, with {_percentages(shares[order])} of the area."
         )
     stray = isolated[labels]
     elsewhere = ~stray & ~np.isin(labels, chosen)
@@ -62,8 +77,7 @@ def choose_clusters(
             f"{int(elsewhere.sum())} of {len(splats)} splats lie in other clusters ({len(order)} in all, with "
             f"{_percentages(shares[order])} of the area) and were dropped: component={component!r}."
         )
-    kept = torch.from_numpy(np.flatnonzero(np.isin(labels, chosen)))
-    return splats if len(kept) == len(splats) else splats[kept.to(splats.means.device)]
+    return torch.from_numpy(np.isin(labels, chosen))
 
 
 def _percentages(shares: NDArray[np.float64], most: int = 5) -> str:

@@ -83,4 +83,5 @@ SPLATS = Adapter(
     extra="topokit[splats]",
     differentiable=True,
     opener="topokit.adapters.splats.adapter:from_splats",
+    write_kept="topokit.adapters.splats.adapter:write_kept",
 )

@@ -13,6 +13,8 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.splats.checkpoints import SUFFIXES, tensors_by_name
+from topokit.adapters.splats.cleaning import Kept, Limits, clean
+from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.entry import scene_file
 from topokit.adapters.splats.formats.choose import read_splats
 from topokit.core.linalg import normalize
@@ -129,6 +131,45 @@ class GaussianSplats:
         """Every tensor moved or converted as by `torch.Tensor.to`."""
         parts = (self.means, self.scales, self.quaternions, self.opacities)
         return GaussianSplats(*(part.to(*args, **kwargs) for part in parts))
+
+    def object(
+        self,
+        *,
+        min_opacity: float | None = 0.1,
+        max_size_ratio: float | None = 10.0,
+        surroundings: bool = True,
+        min_cluster_share: float | None = 0.01,
+        component: Component = "middle",
+    ) -> Kept:
+        """The object in the middle of a scene, without haze, background, table, floor, walls and floaters.
+
+        The steps are taken in the order of the arguments. Each is a sentence with numbers in `notes`.
+
+        Args:
+            min_opacity: splats of lower opacity are dropped (haze). None switches this and the other limits off.
+            max_size_ratio: splats whose largest scale exceeds the median this many times are dropped (background).
+            surroundings: whether planes on or before which the object stands are cut off with all that is behind them.
+                A plane's border is mostly free; surface goes on behind the border of a face of the object.
+            min_cluster_share: clusters with less than this share of the remaining area are dropped (floaters).
+            component: "middle" keeps the cluster nearest to the middle of the scene, of those with a fifth of the
+                largest one's area; "largest", "all" and an index as for `from_splats`.
+
+        Returns:
+            The `Kept` splats, differentiable in these, with their `rows`.
+
+        Raises:
+            InputError: if nothing is left, most rows are broken, or there is no such component.
+
+        Example:
+            >>> import topokit as tk, torch
+            >>> ball = torch.nn.functional.normalize(torch.randn(500, 3, generator=torch.Generator().manual_seed(0)))
+            >>> means = torch.cat((ball, 0.1 * ball[:10] + torch.tensor([5.0, 0, 0])))  # with a floater
+            >>> quaternions = torch.tensor([1.0, 0, 0, 0]).expand(510, 4)
+            >>> scene = tk.GaussianSplats(means, torch.full((510, 3), 0.1), quaternions, torch.ones(510))
+            >>> len(scene.object())
+            500
+        """
+        return clean(self, Limits(min_opacity, max_size_ratio, None, min_cluster_share, component, surroundings))
 
     def to_ply(self, path: str | os.PathLike[str]) -> None:
         """Write the standard 3DGS .ply: log scales, logit opacities, zero normals and colors, float32.

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.errors import InputError
+
+if TYPE_CHECKING:
+    from topokit.adapters.splats.gaussians import GaussianSplats
 
 
 def rotation_matrices(quaternions: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ import numpy as np
 from topokit.adapters.splats.formats.table import SplatTable
 from topokit.errors import ReadError
 
-_ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
+ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])
 
 
 def read_splat(path: Path) -> SplatTable:
@@ -22,12 +22,12 @@ def read_splat(path: Path) -> SplatTable:
         https://github.com/antimatter15/splat
     """
     size = path.stat().st_size
-    if size % _ROW.itemsize:
+    if size % ROW.itemsize:
         raise ReadError(
-            f"{path} has {size} bytes, {size % _ROW.itemsize} more than whole splats of {_ROW.itemsize} bytes: "
+            f"{path} has {size} bytes, {size % ROW.itemsize} more than whole splats of {ROW.itemsize} bytes: "
             "it is truncated or not a .splat file."
         )
-    rows = np.fromfile(path, dtype=_ROW)
+    rows = np.fromfile(path, dtype=ROW)
     plausible = np.isfinite(rows["mean"]).all(axis=1) & np.isfinite(rows["scale"]).all(axis=1)
     plausible &= (rows["scale"] >= 0).all(axis=1) & (rows["scale"] > 0).any(axis=1)
     if 2 * int(plausible.sum()) < len(rows):

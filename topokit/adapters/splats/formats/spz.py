@@ -16,7 +16,7 @@ from topokit.inputs.reading import require_bytes, require_expansion
 
 Bytes = NDArray[np.uint8]
 _MAGIC = b"NGSP"
-_HEADER = struct.Struct("<4sIIBBBB")
+HEADER = struct.Struct("<4sIIBBBB")
 _V4_HEADER = struct.Struct("<4sIIBBBBI12x")
 _ENTRY = struct.Struct("<QQ")
 _SH_BYTES = (0, 9, 24, 45, 72)  # by degree
@@ -50,10 +50,10 @@ def read_spz(path: Path) -> SplatTable:
     if content.startswith(_MAGIC) and _version(content) >= 4:
         return _from_streams(path, content)
     if content.startswith(_MAGIC):
-        header = _header(path, content)
-        needed = _HEADER.size + sum(header.sizes())
+        header = layout_of(path, content)
+        needed = HEADER.size + sum(header.sizes())
         require_bytes(path, f"{header.n_splats} splats", needed, len(content))
-        return _decode(header, _cut(content[_HEADER.size : needed], header))
+        return _decode(header, _cut(content[HEADER.size : needed], header))
     return _from_gzip(path, content)
 
 
@@ -61,10 +61,10 @@ def _version(content: bytes) -> int:
     return int.from_bytes(content[4:8], "little")
 
 
-def _header(path: Path, content: bytes) -> _Layout:
-    if len(content) < _HEADER.size or not content.startswith(_MAGIC):
-        raise ReadError(f"{path} is no .spz file: it does not begin with an NGSP header of {_HEADER.size} bytes.")
-    _, version, count, degree, bits, _, _ = _HEADER.unpack_from(content)
+def layout_of(path: Path, content: bytes) -> _Layout:
+    if len(content) < HEADER.size or not content.startswith(_MAGIC):
+        raise ReadError(f"{path} is no .spz file: it does not begin with an NGSP header of {HEADER.size} bytes.")
+    _, version, count, degree, bits, _, _ = HEADER.unpack_from(content)
     if not 1 <= version <= 4:
         raise ReadError(f"{path} is .spz version {version}; versions 1 to 4 are known. {CONVERTER}")
     if count == 0 or degree >= len(_SH_BYTES) or bits > 23:
@@ -77,7 +77,7 @@ def _header(path: Path, content: bytes) -> _Layout:
 
 def _from_gzip(path: Path, content: bytes) -> SplatTable:
     unzip = zlib.decompressobj(wbits=31)
-    header = _header(path, unzip.decompress(content, _HEADER.size))
+    header = layout_of(path, unzip.decompress(content, HEADER.size))
     sizes = header.sizes()
     require_expansion(path, sum(sizes), len(content))
     wanted = sum(sizes[:-1])
@@ -103,7 +103,7 @@ def _drain(path: Path, unzip: zlib._Decompress, harmonics: int) -> None:
 def _from_streams(path: Path, content: bytes) -> SplatTable:
     if len(content) < _V4_HEADER.size:
         raise ReadError(f"{path} has {len(content)} bytes, too few for the 32-byte header of .spz version 4.")
-    header = _header(path, content)
+    header = layout_of(path, content)
     _, _, _, _, _, _, n_streams, at = _V4_HEADER.unpack_from(content)
     sizes = [size for size in header.sizes() if size]
     if n_streams != len(sizes) or at < _V4_HEADER.size:

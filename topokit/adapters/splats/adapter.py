@@ -88,8 +88,8 @@ def from_splats(
         >>> round(float(tk.from_splats(splats).gauss_bonnet()))
         2
     """
-    ratios = (min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share)
-    limits = _limits(object, component, surroundings, *ratios)
+    chosen, cuts = _steps(object, component, surroundings)
+    limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share, chosen, cuts)
     if n_samples is not None:
         check_sample_count(n_samples, given_or_default(n_neighbors))
     name, splats = _open(source, activated)
@@ -127,15 +127,16 @@ def write_kept(
         A sentence for everything that was dropped, with its count, and one for what was kept.
     """
     scene = GaussianSplats.from_file(source)
-    limits = _limits(object, component, surroundings, min_opacity, max_size_ratio, None, min_cluster_share)
-    kept = clean(scene, limits)
+    chosen, cuts = _steps(object, component, surroundings)
+    kept = clean(scene, Limits(min_opacity, max_size_ratio, None, min_cluster_share, chosen, cuts))
     kept.save(target, like=source)
     return *kept.notes, f"{len(kept)} of {len(scene)} splats were kept."
 
 
-def _limits(object: bool, component: Component | None, surroundings: bool | None, *ratios: float | None) -> Limits:
+def _steps(object: bool, component: Component | None, surroundings: bool | None) -> tuple[Component, bool]:
+    """Which component is kept, and whether planes are cut off: as given, else as an object or a whole scene needs."""
     chosen: Component = component if component is not None else "middle" if object else "all"
-    return Limits(*ratios, chosen, object if surroundings is None else surroundings)
+    return chosen, object if surroundings is None else surroundings
 
 
 def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:

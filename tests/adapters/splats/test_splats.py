@@ -178,7 +178,7 @@ def test_the_estimate_has_finite_gradients_everywhere() -> None:
 
 def test_a_clean_scene_loses_nothing() -> None:
     shape = tk.from_splats(splats_of(torus_scene(3000)))
-    assert shape.notes == ("5000 samples lie on the discs of 3000 of 3000 splats.",)
+    assert shape.notes == ("3000 samples lie on the discs of 3000 of 3000 splats.",)
 
 
 def test_everything_dropped_is_counted() -> None:

@@ -67,6 +67,26 @@ def test_a_closed_object_without_surroundings_is_kept_whole() -> None:
     assert len(splats_of(torus_scene(800)).object()) == 800
 
 
+@pytest.mark.parametrize("n_splats", [1, 3, 40])
+def test_few_splats_have_no_surroundings(n_splats: int) -> None:
+    assert splats_of(sheet(2, 0.0, n_splats)).object(component="all", min_cluster_share=None).planes == ()
+
+
+def test_splats_in_one_place_have_no_surroundings() -> None:
+    scene = sheet(2, 0.0, 300)
+    assert splats_of(scene._replace(means=np.zeros((300, 3)))).object().planes == ()
+
+
+def test_linked_rings_are_one_object() -> None:
+    ring = torus_scene(1200, minor=0.2)
+    other = ring._replace(means=ring.means[:, [2, 1, 0]] + [0, 1.0, 0])  # around the tube of the first
+    beside = ring._replace(means=ring.means + np.array([4.0, 0, 0]))
+    scene = Scene(*(np.concatenate(columns) for columns in zip(ring, other, beside, strict=True)))
+    kept = splats_of(scene).object(surroundings=False)
+    assert torch.equal(kept.rows, torch.arange(2400))
+    assert "component='middle'" in kept.notes[-1]
+
+
 def test_the_middle_object_is_differentiable() -> None:
     scene = room()
     means = torch.from_numpy(scene.means).requires_grad_()

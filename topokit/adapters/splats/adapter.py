@@ -52,9 +52,9 @@ def from_splats(
         object: whether to keep the object in the middle alone, as `GaussianSplats.object` does. It changes the defaults
             of the next two arguments, each of which switches its step off again.
         component: "all" keeps every cluster that is not isolated, "largest" the one with most area, "middle" the
-            nearest to the middle of the scene (of those with a fifth of the largest one's area), an index chooses one,
-            counted by area from 0. Gaps below about two median disc sizes do not separate clusters. None is "all", and
-            "middle" of an object.
+            nearest to the middle of the scene (of those with a fifth of the largest one's area) with those whose
+            centers lie in its box; an index chooses one, counted by area from 0. Gaps below about two median disc sizes
+            do not separate clusters. None is "all", and "middle" of an object.
         surroundings: whether planes on or before which an object stands (table, floor, walls) are cut off with all
             that is behind them. None does so of an object only.
         min_opacity: splats of lower opacity are dropped. None switches this and each of the following three off.

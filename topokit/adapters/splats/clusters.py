@@ -36,7 +36,7 @@ def choose_clusters(
         splats: N splats with finite rows.
         min_cluster_share: clusters of less than this share are isolated and never chosen; None for no limit.
         component: "largest", "all" that are not isolated, "middle" (the nearest to the middle of those with a fifth of
-            the largest one's area), or an index.
+            the largest one's area, with those whose centers lie in its box, as linked rings have them), or an index.
         middle: (3,), of the scene.
         notes: what is dropped is added here, with its count.
 
@@ -57,7 +57,10 @@ def choose_clusters(
         large = order[shares[order] >= _LARGE * shares[order[0]]]
         means = splats.means.detach().double().cpu().numpy()
         centers = np.stack([np.bincount(labels, weights * column) for column in means.T], axis=1) / shares[:, None]
-        chosen = large[[np.linalg.norm(centers[large] - middle, axis=1).argmin()]]
+        nearest = large[np.linalg.norm(centers[large] - middle, axis=1).argmin()]
+        box = means[labels == nearest]
+        within = ((centers[order] >= box.min(0)) & (centers[order] <= box.max(0))).all(1)
+        chosen = order[within | (order == nearest)]
     elif isinstance(component, int) and not isinstance(component, bool) and 0 <= component < len(order):
         chosen = order[component : component + 1]
     else:

@@ -152,7 +152,8 @@ class GaussianSplats:
                 A plane's border is mostly free; surface goes on behind the border of a face of the object.
             min_cluster_share: clusters with less than this share of the remaining area are dropped (floaters).
             component: "middle" keeps the cluster nearest to the middle of the scene, of those with a fifth of the
-                largest one's area; "largest", "all" and an index as for `from_splats`.
+                largest one's area, and clusters whose centers lie in its box, such as a ring linked with it; "largest",
+                "all" and an index as for `from_splats`.
 
         Returns:
             The `Kept` splats, differentiable in these, with their `rows`.

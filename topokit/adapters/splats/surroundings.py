@@ -24,6 +24,7 @@ _THICK = 3.0  # median sizes of discs within which a splat may lie on a plane
 _SIGMAS = 3.0  # standard deviations of the heights on a plane that are cut off, estimated from their median
 _THINNEST = 0.1  # median sizes of discs that are cut off, at least
 _COSINE = 0.7  # between the normals of a plane and of its discs, at least
+_FEWEST = 100  # splats on a plane, of which borders can be seen
 _SMALLEST = 0.05  # share of the scene's area on a plane, at least
 _ONE_SIDE = 0.8  # share of the other area that lies on one side of it, at least
 _JOINED = 0.35  # share of its border at which surface rises from it, at most; beyond, it is a face of the object
@@ -69,7 +70,8 @@ def surrounding_planes(splats: GaussianSplats) -> tuple[Plane, ...]:
     normals = turn.take_along_dim(scales.argmin(-1)[:, None, None], dim=2).squeeze(2).numpy()
     weights = disc_weights(splats).cpu().numpy()
     thickness = _THICK * float(scales.amax(-1).median())
-    rows = np.arange(len(means))[:: max(len(means) // _SAMPLED, 1)]
+    rows = np.flatnonzero(weights)
+    rows = rows[:: max(len(rows) // _SAMPLED, 1)]
     means, normals, weights = means[rows], normals[rows], weights[rows] / weights[rows].sum()
     found: list[Plane] = []
     is_left, is_tried = np.ones(len(means), dtype=bool), np.zeros(len(means), dtype=bool)
@@ -90,6 +92,8 @@ def surrounding_planes(splats: GaussianSplats) -> tuple[Plane, ...]:
         cut = float(np.clip(spread, _THINNEST / _THICK * thickness, thickness))
         plane = Plane(sign * normal, sign * (offset + middle), cut, share)
         is_tried |= on
+        if on.sum() < _FEWEST:
+            continue
         if max(above, other.sum() - above) < _ONE_SIDE * other.sum():
             continue
         if _joined_border(plane, thickness, means[is_left], weights[is_left], on[is_left]) <= _JOINED:
@@ -129,6 +133,8 @@ def _joined_border(plane: Plane, thickness: float, means: Floats, weights: Float
     place = means @ sides.T
     low, high = place[on].min(0), place[on].max(0)
     cell = float((high - low).max()) / _CELLS
+    if cell == 0:
+        return 1.0  # all in one place
     height = means @ plane.normal - plane.offset
     rising = (height >= thickness) & (height < (1 + _CONTACT) * thickness)
     shape = tuple(np.ceil((high - low) / cell).astype(int) + 7)

@@ -4,7 +4,7 @@
 
 Processor time within one run, forward and backward, as multiples of a training step of one shape; a batch of 64 shapes,
 as DeepSDF has, takes 64 times as long. Means of 20 calls follow from one call of each kind: with `search_every=20` one
-evaluates all of the grid, and those in which the loss looks evaluate what lies near the level. The network is added,
+evaluates all of the grid, and the others what lies near the level. The network is added,
 hardly visible, to the distance of a torus, so that it need not be trained.
 
 Reference:
@@ -23,7 +23,6 @@ from torch import Tensor, nn
 from torch.nn.utils.parametrizations import weight_norm
 
 import topokit as tk
-from topokit.losses import SearchOptions
 
 WIDTH, CODE, POINTS, CALLS, TAU, FOLLOWED = 512, 256, 16_384, 20, 0.02, 1500
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -73,12 +72,9 @@ def main() -> None:
         optimizer.zero_grad()
         value.backward()
 
-    shape, every_second = tk.from_sdf(net, bounds=BOX), SearchOptions(evaluate_every=2)
-    losses = {
-        "TopologyLoss": tk.TopologyLoss(genus=1, search=every_second),
-        "EulerLoss": tk.EulerLoss(0.0, search=every_second),
-    }
+    shape = tk.from_sdf(net, bounds=BOX)
     samples = tk.from_sdf(net, bounds=BOX, n_samples=FOLLOWED).samples.points.detach()
+    loss = tk.TopologyLoss(genus=1)
     once: dict[str, Callable[[], Tensor]] = {
         "smoothed_euler(tau) at 64³": lambda: shape.smoothed_euler(TAU),
         "smoothed_euler(tau) at 32³": lambda: tk.from_sdf(net, bounds=BOX, field_resolution=32).smoothed_euler(TAU),
@@ -90,15 +86,9 @@ def main() -> None:
     training_step()  # the first takes longer
     step = mean(seconds(training_step) for _ in range(3))
     print(f"a step of {POINTS} points: {step:.2f} s of one core", flush=True)
-    for name, loss in losses.items():
-        whole, between, near, again = (seconds(lambda loss=loss: backward(loss(shape, TAU))) / step for _ in range(4))
-        between = (between + again) / 2
-        print(f"{name} at 64³: all of the grid {whole:.1f} steps, near the level {near:.2f}, in between {between:.3f}")
-        print(
-            f"    mean of {CALLS} calls: {(whole + (CALLS - 1) * near) / CALLS:.2f} steps; with evaluate_every=10 "
-            f"{(whole + near + (CALLS - 2) * between) / CALLS:.2f}",
-            flush=True,
-        )
+    whole, near = (seconds(lambda: backward(loss(shape, TAU, keys="net"))) / step for _ in range(2))
+    print(f"TopologyLoss at 64³: all of the grid {whole:.1f} steps, near the level {near:.2f}")
+    print(f"    mean of {CALLS} calls: {(whole + (CALLS - 1) * near) / CALLS:.2f} steps", flush=True)
     for name, value in once.items():
         print(f"{name}: {seconds(lambda value=value: backward(value())) / step:.1f} steps", flush=True)
 

@@ -76,7 +76,7 @@ def main() -> None:
         if monitor(step, shape):
             break
         optimizer.zero_grad()
-        (data_term(torch.randint(len(points), (4096,))) + 1e-4 * loss(shape, tau=0.03)).backward()
+        (data_term(torch.randint(len(points), (4096,))) + loss(shape, keys="net")).backward()
         optimizer.step()
         schedule.step()
 

@@ -66,7 +66,7 @@ def main() -> None:
         if monitor(step, values):
             break
         optimizer.zero_grad()
-        (data_term() + 1e-2 * loss(values, tau=0.025)).backward()
+        (data_term() + loss(values, keys="volume")).backward()
         optimizer.step()
 
     fit_after = data_term().item()

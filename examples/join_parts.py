@@ -83,7 +83,7 @@ def main() -> None:
         if monitor(step, shape):
             break
         optimizer.zero_grad()
-        (data_term(torch.randint(len(points), (4096,))) + 0.09 * loss(shape)).backward()
+        (data_term(torch.randint(len(points), (4096,))) + loss(shape, keys="net")).backward()
         optimizer.step()
         schedule.step()
 

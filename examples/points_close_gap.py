@@ -3,7 +3,7 @@
     python examples/points_close_gap.py [PICTURE]
 
 The parameters are the points and their normals. The loss uses their winding-number field, which is 0 outside, 1 inside
-and ½ on the surface (τ is in these units). The data term keeps each point near its measured position and its neighbors.
+and ½ on the surface. The data term keeps each point near its measured position and its neighbors.
 Expect one surface of genus 0 before and one of genus 1 after, both counted on a reconstruction that does not use
 topokit. Takes about 10 seconds.
 """
@@ -82,7 +82,7 @@ def main() -> None:
         if monitor(step, shape):
             break
         optimizer.zero_grad()
-        (data_term() + 3.0 * loss(shape, tau=0.05)).backward()
+        (data_term() + loss(shape, keys="scan")).backward()
         optimizer.step()
 
     after, moved = reconstruction(points, normals), (points - measured).detach().norm(dim=1) / spacing

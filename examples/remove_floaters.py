@@ -76,7 +76,7 @@ def main() -> None:
         if monitor(step, logits):
             break
         optimizer.zero_grad()
-        (data_term() + 1e-2 * loss(logits, tau=0.2)).backward()
+        (data_term() + loss(logits, keys="volume")).backward()
         optimizer.step()
 
     fit_after = data_term().item()

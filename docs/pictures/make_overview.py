@@ -116,7 +116,7 @@ def loss_panels() -> tuple[Panel, Panel]:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 100)
     for _ in range(100):
         optimizer.zero_grad()
-        (1e3 * (field - torus).square().mean() + loss(field, tau=0.01)).backward()
+        ((field - torus).square().mean() + loss(field, keys="torus")).backward()
         optimizer.step()
         schedule.step()
     return volume_panel("volume", torus), volume_panel("TopologyLoss(genus=0)", field.detach())

@@ -13,7 +13,6 @@ from torch import Tensor, nn
 
 import topokit as tk
 from topokit.errors import InputError
-from topokit.losses import SearchOptions
 from topokit.testing import torus_samples
 
 FUNCTIONS: list[Callable[..., Tensor]] = [tk.euler_loss, tk.topology_loss]
@@ -30,7 +29,6 @@ def refusal(call: Callable[[], object]) -> str:
     [
         ({"genus": -1}, "genus must be an integer of at least 0, not -1."),
         ({"genus": 0.5}, "genus must be an integer of at least 0, not 0.5."),
-        ({"genus": None}, "genus must be an integer of at least 0, not None."),
         ({"genus": "2"}, "genus must be an integer of at least 0, not '2'."),
         ({"genus": (1, 0.5)}, "genus must be an integer of at least 0, not 0.5."),
         ({"genus": 0, "components": 0}, "components must be an integer of at least 1, not 0."),
@@ -40,18 +38,18 @@ def refusal(call: Callable[[], object]) -> str:
         ({"genus": 0, "cavities": -1}, "cavities must be an integer of at least 0, not -1."),
         (
             {"genus": (1, 0), "cavities": 1},
-            "a list of genera needs one genus for each component, and cavities=0; got 2 with components=1 and "
-            "cavities=1.",
+            "a list of genera needs one genus for each component, cavities=0 and at_most=False; got 2 with "
+            "components=1, cavities=1 and at_most=False.",
         ),
         (
             {"genus": (1, 0), "components": 3},
-            "a list of genera needs one genus for each component, and cavities=0; got 2 with components=3 and "
-            "cavities=0.",
+            "a list of genera needs one genus for each component, cavities=0 and at_most=False; got 2 with "
+            "components=3, cavities=0 and at_most=False.",
         ),
         (
             {"genus": ()},
-            "a list of genera needs one genus for each component, and cavities=0; got 0 with components=1 and "
-            "cavities=0.",
+            "a list of genera needs one genus for each component, cavities=0 and at_most=False; got 0 with "
+            "components=1, cavities=0 and at_most=False.",
         ),
         ({"genus": 0, "change": "both"}, "change must be one of ('any', 'add', 'remove'), not 'both'."),
         ({"genus": 0, "reduction": "max"}, "reduction must be one of ('mean', 'sum', 'none'), not 'max'."),
@@ -59,7 +57,8 @@ def refusal(call: Callable[[], object]) -> str:
         ({"genus": 0, "level": "0"}, "level must be a finite number, not '0'."),
         ({"genus": 0, "resolution": 8}, "resolution must be an integer of at least 16, not 8."),
         ({"genus": 0, "resolution": 64.0}, "resolution must be an integer of at least 16, not 64.0."),
-        ({"genus": 0, "search": 20}, "search must be a SearchOptions, not 20."),
+        ({"genus": 0, "search_every": 0}, "search_every must be an integer of at least 1, not 0."),
+        ({"genus": 0, "betti": (1, 0, 0)}, "pass genus, with components and cavities, or betti; not both."),
     ],
 )
 def test_wrong_options_of_the_topology_loss_are_named(options: dict[str, Any], message: str) -> None:
@@ -80,15 +79,9 @@ def test_wrong_options_of_the_euler_loss_are_named(options: dict[str, Any], mess
     assert refusal(lambda: tk.EulerLoss(**options)) == message
 
 
-@pytest.mark.parametrize("name", ["search_every", "evaluate_every"])
-@pytest.mark.parametrize("value", [0, -3, 1.5, "5", None, True])
-def test_wrong_search_options_are_named(name: str, value: Any) -> None:
-    message = f"{name} must be an integer of at least 1, not {value!r}."
-    assert refusal(lambda: SearchOptions(**{name: value})) == message
-
-
 def test_integers_of_numpy_are_integers() -> None:
-    loss = tk.TopologyLoss(np.int64(1), components=np.int32(2), search=SearchOptions(np.int64(3)))
+    loss = tk.TopologyLoss(np.int64(1), components=np.int32(2), search_every=np.int64(3))
+    assert loss.goal is not None
     assert loss.goal.betti == (2, 1, 0)
     assert all(type(number) is int for number in loss.goal.betti)
 

@@ -16,7 +16,6 @@ from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import smoothed_euler
 from topokit.core.grid.field import default_tau
 from topokit.errors import InputError
-from topokit.losses import SearchOptions
 
 Loss = Callable[..., Tensor]
 
@@ -67,13 +66,13 @@ def test_the_topology_loss_is_small_for_the_right_topology_and_large_for_a_wrong
     for field, right, reachable in ((BALL, 0, [0]), (TORUS, 1, [0, 1]), (shell, 2, [0, 2])):
         for number in reachable:
             loss = tk.topology_loss(field, tau=0.01, **goals[number])
-            assert loss < 0.1 if number == right else loss > 3.5, (right, number)
+            assert loss < 2e-5 if number == right else loss > 2e-4, (right, number, loss)
 
 
 def test_the_genus_of_each_component_is_asked_for_in_order_of_size() -> None:
-    assert topology(TORUS_AND_BLOB, 0.01, (1, 0)) < 0.1
-    assert topology(TORUS_AND_BLOB, 0.01, 1, components=2) < 0.1
-    assert topology(TORUS_AND_BLOB, 0.01, (0, 0)) > 1
+    assert topology(TORUS_AND_BLOB, 0.01, (1, 0)) < 1e-4
+    assert topology(TORUS_AND_BLOB, 0.01, 1, components=2) < 1e-4
+    assert topology(TORUS_AND_BLOB, 0.01, (0, 0)) > 1e-3
 
 
 def test_the_euler_loss_takes_a_torus_and_a_blob_for_a_ball_and_the_topology_loss_does_not() -> None:
@@ -82,8 +81,8 @@ def test_the_euler_loss_takes_a_torus_and_a_blob_for_a_ball_and_the_topology_los
     assert value < 1e-6
     assert slope.abs().max() < 1e-4
     value, slope = value_and_slope(topology, TORUS_AND_BLOB, 0.01)
-    assert value > 1
-    pushed = torch.where(slope.abs() > 0.01, -slope.sign(), TORUS_AND_BLOB)
+    assert value > 1e-3
+    pushed = torch.where(slope.abs() > 0.1 * slope.abs().max(), -slope.sign(), TORUS_AND_BLOB)
     assert betti_numbers(TORUS_AND_BLOB).tolist() == [2, 1, 0]
     assert betti_numbers(pushed).tolist() == [1, 0, 0]
     assert (pushed[-4:, -4:, -4:] < 0).all()
@@ -92,7 +91,7 @@ def test_the_euler_loss_takes_a_torus_and_a_blob_for_a_ball_and_the_topology_los
 @pytest.mark.parametrize("change", ["add", "remove"])
 def test_with_one_way_change_a_torus_gets_a_membrane_or_a_cut(change: str) -> None:
     _, slope = value_and_slope(topology, TORUS, 0.02, change=change)
-    pushed = torch.where(slope.abs() > 0.1, -slope.sign(), TORUS)
+    pushed = torch.where(slope.abs() > 0.5 * slope.abs().max(), -slope.sign(), TORUS)
     assert betti_numbers(pushed).tolist() == [1, 0, 0]
     changed = (pushed > 0) != (TORUS > 0)
     distance = P[changed][:, :2].norm(dim=1)  # to the axis of the torus
@@ -121,10 +120,10 @@ def test_gradcheck_of_the_topology_loss(options: dict[str, Any], generator: torc
     p = grid(8)
     field = torch.maximum(torus(p, 0.55, 0.3), ball(p, 0.4, (0.9, 0.9, 0.9)) - 0.1)
     field = (field + 0.03 * torch.randn(8, 8, 8, generator=generator, dtype=DOUBLE)).requires_grad_()
-    value, slope = value_and_slope(topology, field, 0.3, **options)
+    value, slope = value_and_slope(topology, field, 0.1, **options)
     assert value > 0.01
-    assert slope.count_nonzero() > 10
-    assert torch.autograd.gradcheck(lambda x: topology(x, 0.3, **options), field, fast_mode=True)
+    assert slope.count_nonzero() > 5
+    assert torch.autograd.gradcheck(lambda x: topology(x, 0.1, **options), field, fast_mode=True)
 
 
 @OUT_OF_REACH
@@ -160,13 +159,14 @@ def test_loss_and_gradient_are_finite_at_degenerate_fields(
             assert slope.dtype == dtype
 
 
-@both_losses
-def test_huge_and_tiny_values(loss: Loss) -> None:
-    for scale in (1e-40, 1e-30, 1e30, 1e200):
-        value, slope = value_and_slope(loss, scale * TORUS)
-        assert value.isfinite()
-        assert value > 0.5
-        assert slope.isfinite().all()
+@pytest.mark.parametrize("scale", [1e-20, 1e30, 1e100])
+def test_huge_and_tiny_values(scale: float) -> None:
+    """The Euler loss has no unit; the topology loss has that of a squared error."""
+    for loss, unit in ((euler, 1.0), (topology, scale**2)):
+        expected, slope = value_and_slope(loss, TORUS)
+        value, scaled = value_and_slope(loss, scale * TORUS)
+        torch.testing.assert_close(value / unit, expected)
+        torch.testing.assert_close(scaled / unit * scale, slope)
 
 
 def test_nan_gives_nan_in_the_euler_loss_and_is_refused_by_the_topology_loss() -> None:
@@ -218,9 +218,10 @@ def test_tau_is_half_the_typical_change_over_a_cell_by_default(loss: Loss) -> No
     assert default_tau(slab) == pytest.approx(1 / 19)
     assert loss(slab) == loss(slab, default_tau(slab))
     batch = torch.stack([TORUS, 3 * TORUS])
-    torch.testing.assert_close(loss(batch, reduction="none"), loss(TORUS).expand(2))
-    with pytest.raises(InputError, match="has no typical change: pass tau"):
-        loss(torch.ones(3, 3, 3))
+    unit = torch.tensor([1.0, 9.0 if loss is topology else 1.0], dtype=DOUBLE)
+    torch.testing.assert_close(loss(batch, reduction="none"), loss(TORUS) * unit)
+    for left in (torch.ones(3, 3, 3), torch.zeros(3, 3, 3), TORUS + 5, -torch.rand(4, 4, 4)):
+        assert loss(left).isfinite()
 
 
 def test_the_fields_of_shapes_have_the_same_default_tau() -> None:
@@ -280,21 +281,3 @@ def test_the_modules_equal_the_functions() -> None:
     for module, function in ((tk.EulerLoss(2.0), euler), (tk.TopologyLoss(genus=0), topology)):
         assert module(TORUS, 0.05) == module(TORUS, tau=0.05) == function(TORUS, 0.05)
         assert not list(module.parameters())
-
-
-def test_between_evaluations_the_known_voxels_are_used_and_another_grid_is_evaluated_at_once() -> None:
-    loss = tk.TopologyLoss(genus=0, search=SearchOptions(evaluate_every=3), change="add")
-    losses = [loss(field, 0.02) for field in (TORUS, TORUS - 0.05, BALL, BALL)]
-    assert losses[1] > losses[0]  # the membrane is farther away
-    assert losses[1] != topology(TORUS - 0.05, 0.02, change="add")
-    assert losses[3] == topology(BALL, 0.02, change="add")
-    p = grid(16)
-    for other in (torus(p, 0.5, 0.25), TORUS.expand(2, -1, -1, -1), TORUS):
-        assert loss(other, 0.02) == topology(other, 0.02, change="add")
-
-
-def test_a_default_tau_is_found_between_evaluations() -> None:
-    loss = tk.TopologyLoss(genus=0, search=SearchOptions(evaluate_every=100))
-    loss(TORUS, 0.02)
-    assert loss(TORUS) == topology(TORUS)
-    assert loss(2 * TORUS) != topology(2 * TORUS)  # known from the last evaluation

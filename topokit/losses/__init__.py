@@ -1,13 +1,12 @@
-"""Losses on topology, and what a training loop needs beside them: schedule, monitor, critical points."""
+"""Losses on topology, and what a training loop needs beside them: monitor, critical points."""
 
 from topokit.core.local.descent import integrity_well
 from topokit.losses.critical import CriticalPoints, critical_points
 from topokit.losses.euler import EulerLoss, euler_loss
 from topokit.losses.field_loss import CountedSolid, FieldLoss
 from topokit.losses.monitor import TopologyMonitor, TopologyRecord
-from topokit.losses.schedule import TauSchedule
+from topokit.losses.segmentation import SegmentationTopologyLoss
 from topokit.losses.topology import TopologyLoss, topology_loss
-from topokit.losses.tracker import SearchOptions
 from topokit.losses.winding import WindingLoss, winding_loss
 
 __all__ = [
@@ -15,8 +14,7 @@ __all__ = [
     "CriticalPoints",
     "EulerLoss",
     "FieldLoss",
-    "SearchOptions",
-    "TauSchedule",
+    "SegmentationTopologyLoss",
     "TopologyLoss",
     "TopologyMonitor",
     "TopologyRecord",

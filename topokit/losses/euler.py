@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, smoothed_euler
-from topokit.core.grid.field import Field
 from topokit.losses.checks import check_finite, check_tau
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.source import Source, plain_field
-from topokit.losses.tracker import CriticalTrack, SearchOptions, Tracker, checked_search
 
 
 class EulerLoss(FieldLoss):
@@ -27,9 +23,6 @@ class EulerLoss(FieldLoss):
         target: wanted Euler characteristic of the surface, summed over its components (2 for a ball, 0 for a torus).
         level: of a plain field; {field > level} is the solid. A shape has its own.
         connectivity: 6 or 26, that of the solid, of a plain field and of samples; a shape with a field has its own.
-        search: for functions and networks, how often to evaluate the grid: in every `evaluate_every`-th call near the
-            level, in every `search_every`-th of these everywhere; in between, only the critical grid points last found.
-            Then the module remembers: use one for each network. By default every call evaluates all of the grid.
         resolution: for shapes without a field: the most grid points along a side of the winding-number field.
         reduction: "mean", "sum" or "none" over the batch.
 
@@ -49,16 +42,12 @@ class EulerLoss(FieldLoss):
         *,
         level: float = 0.0,
         connectivity: int = DEFAULT_CONNECTIVITY,
-        search: SearchOptions | None = None,
         resolution: int = 64,
         reduction: Reduction = "mean",
     ) -> None:
         check_finite("target", target)
         super().__init__(level, connectivity, resolution, reduction)
         self.target = float(target)
-        self.tracker: Tracker | None = None
-        if search is not None:
-            self.tracker = Tracker(checked_search(search), partial(CriticalTrack, search.search_every))
 
     def forward(self, source: Source, tau: float | None = None) -> Tensor:
         """The loss.
@@ -77,25 +66,19 @@ class EulerLoss(FieldLoss):
             cannot hold them when tau is below about 1e-3.
 
         Raises:
-            InputError: for another kind of source, a tau that is not positive, or no tau where the field has one sign.
+            InputError: for another kind of source, or a tau that is not positive.
         """
         check_tau(tau)
         if isinstance(source, Tensor) and tau is not None:
             chi = smoothed_euler(plain_field(source), tau, self.source.level, self.source.connectivity)
         else:
-            per_item = [self._smoothed_euler(field, tau) for field in self.source(source)]
+            per_item = [field.smoothed_euler(tau) for field, _ in self.source(source)]
             chi = torch.stack(per_item).reshape(batch_shape(source))
         return self.reduce((chi - self.target).square())
 
     def is_met(self, solid: CountedSolid) -> bool:
         """Whether the surface of a solid has the Euler characteristic `target`."""
         return solid.euler == self.target
-
-    def _smoothed_euler(self, field: Field, tau: float | None) -> Tensor:
-        if self.tracker is not None and field.is_costly:
-            [((vertices, index), tau)] = self.tracker([field], tau)
-            return field.weighted_sum(vertices, index, tau)
-        return field.smoothed_euler(tau)
 
 
 def euler_loss(

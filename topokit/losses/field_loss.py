@@ -16,6 +16,7 @@ from topokit.core.grid.grid import Grid
 from topokit.core.homotopy.nearest_solid import Betti
 from topokit.losses.checks import check_choice
 from topokit.losses.source import FieldSource, Source
+from topokit.shape import Shape
 
 Reduction = Literal["mean", "sum", "none"]
 
@@ -83,7 +84,8 @@ class FieldLoss(nn.Module, ABC):
 
 
 def batch_shape(source: Source) -> tuple[int, ...]:
-    """Shape of the batch: the leading axes of a plain field or of the samples, () for a shape with a field."""
+    """Shape of the batch: the leading axes of a plain field or of the samples, () for anything else."""
     if isinstance(source, Tensor):
         return tuple(source.shape[:-3])
-    return () if source.field is not None else tuple(source.samples.points.shape[:-2])
+    has_samples = isinstance(source, Shape) and source.field is None
+    return tuple(source.samples.points.shape[:-2]) if has_samples else ()

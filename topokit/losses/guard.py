@@ -1,6 +1,6 @@
 """The guard: finds the voxels that decide a field's topology, and the side of the level on which each has to be.
 
-The guard keeps the nearest solid of the wanted topology. A voxel that is simple in this solid may be inside or outside
+It works with the nearest solid of the wanted topology. A voxel that is simple in this solid may be inside or outside
 without consequence; every other voxel decides the topology, and the field has to be on the solid's side there, by a
 margin. So all voxels of a surplus part are pushed at once, and so is the whole row of a missing bridge, where a
 critical point would be one voxel at a time; and what is right already is held.
@@ -8,24 +8,25 @@ critical point would be one voxel at a time; and what is right already is held.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 from torch import Tensor
-from torch.nn.functional import smooth_l1_loss
 
 from topokit.core.arrays import Booleans
-from topokit.core.grid.euler import at_least_single
-from topokit.core.grid.field import Field, median_step_at_crossings
+from topokit.core.grid.betti import betti_numbers
 from topokit.core.homotopy.deformation import deform
 from topokit.core.homotopy.nearest_solid import Betti, Change, Values, cost, nearest_solid
 from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
-from topokit.losses.memory import Memory
+from topokit.losses.goal import Goal
 
 Regions = NDArray[np.int64]
+Memory = dict[str, Any]
+"""What is known of one field from earlier calls: tensors, numbers and such dictionaries, so that it can be saved."""
 
 _SWITCH_BELOW = 0.5  # a newly found solid replaces the known one below this share of its cost
 
@@ -42,105 +43,100 @@ class DecisiveVoxels(NamedTuple):
     sides: Tensor
 
 
-class Guard(Memory):
-    """Tracks the nearest solid of a wanted topology for one field that changes slowly, as in a training loop.
+@dataclass(frozen=True)
+class Guard:
+    """Finds decisive voxels.
 
     Attributes:
-        solid: (X, Y, Z) bool, or None until one is found.
+        change: whether voxels may be added, removed or both; see `nearest_solid`.
+        search_every: of a field that is remembered, searches for a nearer solid take place in every so many updates.
+            In between, the known solid follows the field.
     """
 
-    remembers = ("_solid", "_n_updates", "_cell_change")
+    change: Change = "any"
+    search_every: int = 20
 
-    def __init__(self, betti: Betti, change: Change, search_every: int) -> None:
-        """Args: betti: components, tunnels, cavities; change: see `nearest_solid`; search_every: in updates."""
-        self.betti = betti
-        self.change = change
-        self.search_every = search_every
-        self._solid: Tensor | None = None
-        self._n_updates = 0
-        self._cell_change = float("inf")  # the field's typical change over one cell
-
-    @property
-    def solid(self) -> Booleans | None:
-        """See the class."""
-        return None if self._solid is None else self._solid.cpu().numpy()
-
-    def update(self, field: Values, margin: float) -> DecisiveVoxels | None:
+    def update(self, field: Values, goal: Goal, margin: float, memory: Memory) -> DecisiveVoxels | None:
         """The decisive voxels of a field, or None if no solid of the wanted topology is in reach.
 
         Args:
-            field: (X, Y, Z), level subtracted, positive inside. NaN is background; infinite values cannot be moved.
-            margin: distance from the level, in units of the field, that decisive voxels must have. It is limited by the
-                field's typical change over one cell: beyond it all voxels well inside and outside would be decisive.
+            field: (X, Y, Z), level subtracted, positive inside, not NaN; infinite values cannot be moved.
+            goal: the wanted topology.
+            margin: distance from the level, in units of the field, that decisive voxels must have.
+            memory: what earlier updates of the same field have left; empty for a field that is not known.
         """
         movable = np.isfinite(field)
         if not movable.all():
             largest = np.abs(field[movable]).max(initial=0.0) or 1.0
             field = np.where(movable, field, np.where(field > 0, largest, -largest))
-        solid = self._updated_solid(field)
-        if solid is None:
-            return None
-        self._solid = torch.from_numpy(solid)
-        return _decisive_voxels(solid, field, movable, min(margin, self._cell_change))
+        if goal.by_component:
+            return self._by_component(field, movable, goal.by_component, margin, memory)
+        return self._whole(field, movable, goal, margin, memory)
 
-    def _updated_solid(self, field: Values) -> Booleans | None:
-        """The solid that has followed the field, or a nearer one that is found if it is time to search."""
+    def _whole(
+        self, field: Values, movable: Booleans, goal: Goal, margin: float, memory: Memory
+    ) -> DecisiveVoxels | None:
         present = field > 0
-        solid = None if self.solid is None else deform(self.solid, present)
-        is_due = self._n_updates % self.search_every == 0
-        self._n_updates += 1
-        if is_due and present.any() and not present.all():
-            self._cell_change = median_step_at_crossings(torch.from_numpy(field)) or float("inf")
-        if not is_due or (solid is not None and np.array_equal(solid, present)):
-            return solid
-        found = nearest_solid(field, self.betti, self.change)
-        if found is not None and (solid is None or cost(field, found) < _SWITCH_BELOW * cost(field, solid)):
-            return found
+        if goal.target is not None:
+            solid: Booleans | None = deform(goal.target, present)
+        else:
+            solid = self._nearest(field, present, _wanted(goal, present), memory)
+        return None if solid is None else _decisive_voxels(solid, field, movable, margin)
+
+    def _nearest(self, field: Values, present: Booleans, betti: Betti, memory: Memory) -> Booleans | None:
+        """The solid that has followed the field, or a nearer one that is found if it is time to search."""
+        known = memory.get("solid")
+        solid = None if known is None else deform(known.cpu().numpy(), present)
+        n_updates = memory.get("n_updates", 0)
+        if n_updates % self.search_every == 0 and not (solid is not None and np.array_equal(solid, present)):
+            found = nearest_solid(field, betti, self.change)
+            if found is not None and (solid is None or cost(field, found) < _SWITCH_BELOW * cost(field, solid)):
+                solid = found
+        memory["n_updates"] = n_updates + 1
+        memory["solid"] = None if solid is None else torch.from_numpy(solid)
         return solid
 
+    def _by_component(
+        self, field: Values, movable: Booleans, wanted: tuple[Betti, ...], margin: float, memory: Memory
+    ) -> DecisiveVoxels | None:
+        """Guards the number of components first, then each component in a region of its own.
 
-class ComponentGuard(Memory):
-    """Guards the number of components of a solid first, then each component in a region of its own.
-
-    Until the number of components is right, one guard asks the whole solid for it and for the sum of the other Betti
-    numbers. Then the grid is divided: each voxel belongs to the nearest component. Components are ranked by size, the
-    largest first, when the grid is divided; from then on each keeps its rank, and the borders between their regions are
-    kept empty. If components merge, all this starts again.
-    """
-
-    remembers = ("_whole", "_guards", "_regions")
-
-    def __init__(self, by_component: tuple[Betti, ...], change: Change, search_every: int) -> None:
-        """Args: by_component: Betti numbers of each, largest first; change, search_every: see `Guard`."""
-        self._whole = Guard(tuple(np.sum(by_component, axis=0).tolist()), change, search_every)
-        self._guards = [Guard(betti, change, search_every) for betti in by_component]
-        self._regions: Tensor | None = None
-
-    def update(self, field: Values, margin: float) -> DecisiveVoxels | None:
-        """See `Guard.update`."""
+        Until the number of components is right, the whole solid is asked for it and for the sums of the other Betti
+        numbers. Then the grid is divided: each voxel belongs to the nearest component. Components are ranked by size,
+        the largest first, when the grid is divided; in a field that is remembered each keeps its rank from then on, and
+        the borders between their regions are kept empty. If components merge, all this starts again.
+        """
         labels, count = ndimage.label(field > 0)
-        if count != len(self._guards):
-            self._regions = None
-        elif self._regions is None:
-            self._regions = torch.from_numpy(_nearest_component(labels))
-        if self._regions is None:
-            return self._whole.update(field, margin)
-        return self._update_regions(self._regions.cpu().numpy(), field, margin)
-
-    def _update_regions(self, regions: Regions, field: Values, margin: float) -> DecisiveVoxels | None:
-        outside = -np.abs(field[np.isfinite(field)]).max(initial=1.0)
+        if count != len(wanted):
+            memory.pop("regions", None)
+            betti: Betti = tuple(np.sum(wanted, axis=0).tolist())
+            return self._whole(field, movable, Goal(betti), margin, memory)
+        if memory.get("regions") is None:
+            memory["regions"] = torch.from_numpy(_nearest_component(labels))
+            memory["parts"] = [{} for _ in wanted]
+        regions = memory["regions"].cpu().numpy()
+        outside = -np.abs(field).max(initial=1.0)
         parts = []
-        for rank, guard in enumerate(self._guards):
+        for rank, (betti, own) in enumerate(zip(wanted, memory["parts"], strict=True)):
             mine = regions == rank
-            found = guard.update(np.where(mine, field, outside), margin)
+            found = self._whole(np.where(mine, field, outside), movable, Goal(betti), margin, own)
             if found is None:
                 return None
             inside = torch.from_numpy(mine[tuple(found.voxels.T.numpy())])
             parts.append((found.voxels[inside], found.sides[inside]))
-        too_near = np.argwhere(_is_border(regions) & (field > -margin) & np.isfinite(field))
+        too_near = np.argwhere(_is_border(regions) & (field > -margin) & movable)
         parts.append((torch.from_numpy(too_near), torch.full((len(too_near),), -1.0, dtype=torch.float64)))
         voxels, sides = zip(*parts, strict=True)
         return DecisiveVoxels(torch.cat(voxels), torch.cat(sides))
+
+
+def _wanted(goal: Goal, present: Booleans) -> Betti:
+    """The Betti numbers of a goal; of one with limits, those that the solid has, as far as the limits allow."""
+    if not goal.at_most:
+        return goal.betti
+    own = betti_numbers(present).tolist()
+    components, tunnels, cavities = (min(have, most) for have, most in zip(own, goal.betti, strict=True))
+    return components, tunnels, cavities
 
 
 def _nearest_component(labels: NDArray[np.int32]) -> Regions:
@@ -152,7 +148,7 @@ def _nearest_component(labels: NDArray[np.int32]) -> Regions:
     return rank[labels[tuple(nearest)]]
 
 
-def _is_border(regions: Regions) -> NDArray[np.bool_]:
+def _is_border(regions: Regions) -> Booleans:
     """Voxels with another region among their 26 neighbors."""
     highest = ndimage.maximum_filter(regions, size=3, mode="nearest")
     return highest != ndimage.minimum_filter(regions, size=3, mode="nearest")
@@ -165,20 +161,3 @@ def _decisive_voxels(solid: Booleans, field: Values, movable: Booleans, margin: 
     voxels = np.argwhere(short)[~is_simple(padded.codes(padded.indices(short)))]
     sides = np.where(solid[tuple(voxels.T)], 1.0, -1.0)
     return DecisiveVoxels(torch.from_numpy(voxels), torch.from_numpy(sides))
-
-
-def margin_loss(field: Field, decisive: tuple[Tensor, Tensor] | None, margin: float) -> Tensor:
-    """Mean Huber loss of the decisive voxels' shortfalls, in margins; 0-d.
-
-    Differentiable in the field's values at these voxels. It is zero without any, but has a graph to the field all the
-    same, so that `backward` works. It is NaN if a value that is known without another evaluation is.
-    """
-    if decisive is None or len(decisive[0]) == 0:
-        first = at_least_single(field.values_at(torch.zeros(1, 3, dtype=torch.int64, device=field.device)))
-        loss = torch.where(first.isnan(), first, 0).sum()
-    else:
-        voxels, sides = decisive
-        values = at_least_single(field.values_at(voxels))
-        shortfalls = torch.relu(1 - sides.to(values) * values / margin)
-        loss = smooth_l1_loss(shortfalls, torch.zeros_like(shortfalls), reduction="mean")
-    return loss if field.is_costly else loss.masked_fill(field.detached().isnan().any(), torch.nan)

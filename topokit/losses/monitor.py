@@ -111,7 +111,7 @@ class TopologyMonitor:
         found = self._source(_call(source))
         if len(found) != 1:
             raise InputError(f"a monitor watches one field; got a batch of {len(found)}. Use one monitor for each.")
-        solid = CountedSolid.of(found[0])
+        solid = CountedSolid.of(found[0].field)
         record = TopologyRecord(int(step), solid.euler, *solid.betti)
         self.history.append(record)
         _log.info("step %d: χ %d, components %d, tunnels %d, cavities %d", *asdict(record).values())

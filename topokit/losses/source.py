@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
-from torch import Tensor, nn
+from torch import Tensor
 
 from topokit.core.grid.euler import at_least_single
 from topokit.core.grid.field import Field, GridField
@@ -23,35 +24,47 @@ _LEAST_RESOLUTION = 16  # grid points along a side: fewer leave no room for a so
 _MARGIN_CELLS = 4  # a new grid is made when samples come nearer than this to the border of the present one
 
 
-class FieldSource(nn.Module):
-    """Finds the fields in a source, one per batch item.
+class SourceField(NamedTuple):
+    """A field in a source.
 
-    For samples it makes a grid around each cloud and keeps it as long as the points fit, so that the field changes
-    smoothly in training. The grids are part of the `state_dict`.
+    Attributes:
+        field: level subtracted.
+        n_terms: how many values the source consists of, over which data terms are means: grid points, or samples.
     """
 
-    def __init__(self, level: float, connectivity: int, resolution: int) -> None:
-        """Create the source.
+    field: Field
+    n_terms: int
+
+
+@dataclass(frozen=True)
+class FieldSource:
+    """Finds the fields in a source, one per batch item.
+
+    Attributes:
+        level: of plain fields.
+        connectivity: 6 or 26, of plain fields and of samples.
+        resolution: the most grid points along a side for samples.
+
+    Raises:
+        InputError: if an attribute has a wrong type or value.
+    """
+
+    level: float
+    connectivity: int
+    resolution: int
+
+    def __post_init__(self) -> None:
+        check_finite("level", self.level)
+        check_choice("connectivity", self.connectivity, (6, 26))
+        check_count("resolution", self.resolution, _LEAST_RESOLUTION)
+
+    def __call__(self, source: Source, grids: Sequence[Grid | None] | None = None) -> list[SourceField]:
+        """The fields, level subtracted.
 
         Args:
-            level: of plain fields.
-            connectivity: 6 or 26, of plain fields and of samples.
-            resolution: the most grid points along a side for samples.
-
-        Raises:
-            InputError: if an argument has a wrong type or value.
-        """
-        super().__init__()
-        check_finite("level", level)
-        check_choice("connectivity", connectivity, (6, 26))
-        check_count("resolution", resolution, _LEAST_RESOLUTION)
-        self.level = float(level)
-        self.connectivity = connectivity
-        self.resolution = resolution
-        self.grids: list[Grid] = []  # around the samples of each item
-
-    def forward(self, source: Source) -> list[Field]:
-        """The fields, level subtracted.
+            source: a floating-point tensor (..., X, Y, Z), or a shape with a field or with oriented samples.
+            grids: for the samples of each item, the grid of an earlier call or None. It is kept as long as the points
+                fit, so that the field changes smoothly in training.
 
         Raises:
             InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or
@@ -59,7 +72,9 @@ class FieldSource(nn.Module):
         """
         if isinstance(source, Tensor):
             items = plain_field(source).reshape(-1, *source.shape[-3:])
-            return [GridField(item - self.level, connectivity=self.connectivity) for item in items]
+            return [
+                SourceField(GridField(one - self.level, connectivity=self.connectivity), one.numel()) for one in items
+            ]
         if not isinstance(source, Shape):
             raise InputError(
                 f"expected a field (..., X, Y, Z), positive inside, or a Shape; got {type(source).__name__}."
@@ -70,9 +85,11 @@ class FieldSource(nn.Module):
                 f"level={self.level:g} is for plain fields, and {source.name} is a shape: pass the level to from_sdf, "
                 "from_occupancy or from_voxels. Samples have none."
             )
-        return [source.field] if source.field is not None else self._winding_fields(source)
+        if source.field is not None:
+            return [SourceField(source.field, source.field.grid.n_vertices)]
+        return self._winding_fields(source, grids)
 
-    def _winding_fields(self, shape: Shape) -> list[Field]:
+    def _winding_fields(self, shape: Shape, grids: Sequence[Grid | None] | None) -> list[SourceField]:
         """The fields of the samples of each item."""
         samples = shape.samples
         if not samples.oriented:
@@ -83,31 +100,23 @@ class FieldSource(nn.Module):
         local = shape.curvature(given_or_default(shape.n_neighbors))
         layer = SurfaceSamples(samples.points, local.normals, areas=local.area, lengths=samples.lengths)
         items = layer.separate()
-        present = self.grids if len(self.grids) == len(items) else [None] * len(items)
-        self.grids = [self._grid_around(item, grid) for item, grid in zip(items, present, strict=True)]
-        return [self._winding_field(item, grid) for item, grid in zip(items, self.grids, strict=True)]
+        known = [None] * len(items) if grids is None else grids
+        return [self._winding_field(item, grid) for item, grid in zip(items, known, strict=True)]
 
-    def _winding_field(self, item: SurfaceSamples, grid: Grid) -> Field:
+    def _winding_field(self, item: SurfaceSamples, known: Grid | None) -> SourceField:
         assert item.normals is not None
         assert item.areas is not None
+        grid = self._grid_around(item, known)
         values = winding_field(item.points, item.normals, item.areas, grid).values
-        return GridField(values - 0.5, grid, self.connectivity)
+        return SourceField(GridField(values - 0.5, grid, self.connectivity), len(item.points))
 
-    def _grid_around(self, item: SurfaceSamples, present: Grid | None) -> Grid:
-        """The present grid, or a new one if the points do not fit into it."""
-        if present is not None and present.contains(item.points, _MARGIN_CELLS):
-            return present
+    def _grid_around(self, item: SurfaceSamples, known: Grid | None) -> Grid:
+        """The known grid, or a new one if the points do not fit into it."""
+        if known is not None and known.contains(item.points, _MARGIN_CELLS):
+            return known
         assert item.areas is not None
         spacing = float(item.areas.detach().mean().sqrt())
         return make_grid(item.points, spacing, 1.0, self.resolution**3, self.resolution // 2)
-
-    def get_extra_state(self) -> list[dict[str, Any]]:
-        """The grids around the samples, for the `state_dict`."""
-        return [asdict(grid) for grid in self.grids]
-
-    def set_extra_state(self, state: list[dict[str, Any]]) -> None:
-        """Restore the grids."""
-        self.grids = [Grid(**grid) for grid in state]
 
 
 def plain_field(field: Tensor) -> Tensor:

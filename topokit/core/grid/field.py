@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
@@ -97,7 +98,7 @@ class Field(ABC):
             0-d tensor, differentiable for τ > 0.
 
         Raises:
-            InputError: if τ is negative or not finite; or if it is None and the field has the same sign everywhere.
+            InputError: if τ is negative or not finite.
         """
         if tau is not None and not 0 <= tau < float("inf"):
             raise InputError(f"tau must be a positive number (or 0 for the exact integer of the grid), got {tau}.")
@@ -139,34 +140,32 @@ class GridField(Field):
 
 
 def default_tau(values: Tensor) -> float:
-    """The default of τ everywhere: half the typical change of a field over one cell at its zero crossings.
+    """The default of τ everywhere: half the typical change of a field (X, Y, Z), level subtracted, over one cell."""
+    return max(0.5 * typical_step(values), SMALLEST_TAU)
 
-    Args:
-        values: (X, Y, Z), level subtracted.
 
-    Raises:
-        InputError: if all values have the same sign, so that nothing crosses zero.
+def typical_step(values: Tensor) -> float:
+    """The median change over one cell where the field (X, Y, Z) crosses zero, where it does.
+
+    A field that has left its level, as happens in training, has a typical change all the same: the mean of its changes,
+    and if it is constant its distance from the level, or 1.
     """
-    return max(0.5 * median_step_at_crossings(values), SMALLEST_TAU)
+    steps = _finite_steps(values, lambda lower, upper: (lower > 0) != (upper > 0))
+    if len(steps):
+        return float(steps.median())
+    steps = _finite_steps(values, torch.ne)
+    if len(steps):
+        return float(steps.mean())
+    return float(values.abs().where(values.isfinite(), 0).amax()) or 1.0
 
 
-def median_step_at_crossings(values: Tensor) -> float:
-    """Median of |F(b) − F(a)| over the grid edges ab along which the field (X, Y, Z) changes its sign.
-
-    Raises:
-        InputError: if there is no such edge.
-    """
+def _finite_steps(values: Tensor, counts: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
+    """|F(b) − F(a)| over the grid edges ab that count, where it is finite."""
     steps = []
     for axis in range(3):
         n = values.shape[axis]
         lower, upper = values.narrow(axis, 0, n - 1), values.narrow(axis, 1, n - 1)
-        crossing = (lower > 0) != (upper > 0)
-        steps.append((at_least_single(upper[crossing]) - at_least_single(lower[crossing])).abs())
+        chosen = counts(lower, upper)
+        steps.append((at_least_single(upper[chosen]) - at_least_single(lower[chosen])).abs())
     found = torch.cat(steps)
-    found = found[found.isfinite()]
-    if len(found) == 0:
-        raise InputError(
-            "the field has the same sign at all points of its grid, so it has no typical change: pass tau, in "
-            "units of the field."
-        )
-    return float(found.median())
+    return found[found.isfinite()]

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import surface_euler
-from topokit.core.grid.field import median_step_at_crossings
+from topokit.core.grid.field import typical_step
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, refine_grid
 from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
@@ -222,7 +222,7 @@ def _eulers_at_shifted_levels(field: AdaptiveField, change: float) -> list[int]:
 
 def _change_over_a_cell(values: Tensor) -> float:
     """The field's typical change from vertex to vertex where it crosses the level, as boxes find it, too."""
-    return value_of(int(rounded(torch.tensor(median_step_at_crossings(values)))))
+    return value_of(int(rounded(torch.tensor(typical_step(values)))))
 
 
 def _eulers_26_and_6(field: AdaptiveField, level: float) -> tuple[int, int]:

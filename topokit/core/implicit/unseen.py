@@ -7,7 +7,7 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from topokit.core.grid.field import median_step_at_crossings
+from topokit.core.grid.field import typical_step
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Evaluate, dilate, is_near, over_cells
 
@@ -33,7 +33,7 @@ def carries_distance(values: Tensor) -> bool:
     values = values.double().nan_to_num(posinf=1e300, neginf=-1e300)
     lowest, highest = over_cells(values, torch.minimum), over_cells(values, torch.maximum)
     far = ~_around(((lowest <= 0) & (highest > 0)), _FAR)
-    limit = _PLATEAU * median_step_at_crossings(values)
+    limit = _PLATEAU * typical_step(values)
     sides = lowest[far & (lowest > 0)], -highest[far & (highest <= 0)]
     return all(int((side <= limit).sum()) <= _PLATEAU_SHARE * len(side) for side in sides)
 

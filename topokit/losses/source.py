@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -29,11 +30,12 @@ class SourceField(NamedTuple):
 
     Attributes:
         field: level subtracted.
-        n_terms: how many values the source consists of, over which data terms are means: grid points, or samples.
+        n_terms: how many values the source consists of, over which data terms are means: grid points; or samples in
+            units of (4π)², since one that moves by its spacing changes the winding number there by about 1/4π.
     """
 
     field: Field
-    n_terms: int
+    n_terms: float
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ class FieldSource:
         assert item.areas is not None
         grid = self._grid_around(item, known)
         values = winding_field(item.points, item.normals, item.areas, grid).values
-        return SourceField(GridField(values - 0.5, grid, self.connectivity), len(item.points))
+        return SourceField(GridField(values - 0.5, grid, self.connectivity), len(item.points) / (4 * math.pi) ** 2)
 
     def _grid_around(self, item: SurfaceSamples, known: Grid | None) -> Grid:
         """The known grid, or a new one if the points do not fit into it."""

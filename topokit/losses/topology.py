@@ -36,9 +36,9 @@ class TopologyLoss(FieldLoss):
     The loss finds the nearest solid with this topology, and from it the voxels that decide: those that must be on one
     side of the level by a margin τ, and are not. It is a squared error of the field at these voxels, a mean over the
     whole grid like a data term, with slopes that do not grow beyond the margin; so weight 1 is right beside a mean
-    squared error; networks of log-odds take about 0.02. This opens, closes, joins, splits and removes; see docs/topology-loss.md. The
-    topology is asked for in both connectivities, so that any mesher agrees, unless voxels meet through an edge or a
-    corner only, as in noise.
+    squared error, and networks of log-odds take about 0.02. This opens, closes, joins, splits and removes; see
+    docs/topology-loss.md. The topology is asked for in both connectivities, so that any mesher agrees, unless voxels
+    meet through an edge or a corner only, as in noise.
 
     Args:
         genus: number of handles of the surface (the solid's tunnels), summed over components; or a sequence, one for

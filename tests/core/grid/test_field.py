@@ -8,7 +8,7 @@ from analytic_fields import grid, torus
 from torch import Tensor
 
 from topokit.core.grid.euler import smoothed_euler, surface_euler
-from topokit.core.grid.field import GridField, default_tau, median_step_at_crossings
+from topokit.core.grid.field import GridField, default_tau, typical_step
 from topokit.errors import InputError
 
 TORUS = torus(grid(24), 0.6, 0.25)
@@ -42,8 +42,8 @@ def test_known_values_are_not_evaluated_again() -> None:
 
 
 def test_no_tau_is_half_the_change_over_a_cell() -> None:
-    assert median_step_at_crossings(TORUS) == pytest.approx(2 / 23, rel=0.3)  # a distance, so at most one step
-    assert default_tau(TORUS) == 0.5 * median_step_at_crossings(TORUS)
+    assert typical_step(TORUS) == pytest.approx(2 / 23, rel=0.3)  # a distance, so at most one step
+    assert default_tau(TORUS) == 0.5 * typical_step(TORUS)
     field = GridField(TORUS)
     assert field.smoothed_euler() == field.smoothed_euler(default_tau(TORUS))
     ramp = torch.arange(8.0).sub(3.5).mul(0.3).expand(8, 8, 8)
@@ -69,11 +69,15 @@ def test_unusable_tau_is_refused(tau: float) -> None:
         GridField(TORUS).smoothed_euler(tau)
 
 
-def test_a_field_of_one_sign_has_no_default_tau() -> None:
+def test_a_field_of_one_sign_has_a_typical_step_all_the_same() -> None:
+    ramp = torch.arange(8.0).mul(0.3).expand(8, 8, 8)
+    assert typical_step(ramp + 1) == pytest.approx(0.3)
+    assert typical_step((ramp + 1).clamp(max=1.5)) == pytest.approx(0.25)  # mean of what changes: 0.3 and 0.2
+    assert typical_step(torch.full((4, 4, 4), -3.0)) == 3
+    assert typical_step(torch.zeros(4, 4, 4)) == typical_step(torch.full((4, 4, 4), torch.inf)) == 1
     field = GridField(torch.ones(4, 4, 4))
     assert field.smoothed_euler(0) == 2
-    with pytest.raises(InputError, match="same sign at all points"):
-        field.smoothed_euler()
+    assert field.smoothed_euler() > 0
 
 
 def test_connectivity_is_checked() -> None:

@@ -1,0 +1,190 @@
+"""Comparing two solids: against the definition, under symmetries, against Betti matching, and with planted errors.
+
+    python -m benchmarks.matched_features oracle 500
+    python -m benchmarks.matched_features symmetry 500
+    python -m benchmarks.matched_features official 500 LIBRARY
+    python -m benchmarks.matched_features cost 128 6 [LIBRARY]
+    python -m benchmarks.matched_features planted 200
+
+The first three end after a number of seconds that can follow, 600 by default.
+LIBRARY is the compiled module betti_matching of topolosses 0.2 (MIT), which is not a dependency.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import resource
+import sys
+import time
+from collections import Counter
+from itertools import permutations, product, takewhile
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from topokit.comparison.solids import compare_solids
+from topokit.core.comparison.pair import SolidPair
+
+CONNECTIVITIES = (6, 26)
+
+
+def random_pair(n: int, seed: int, sigmas: tuple[float, float], level: float):
+    """Level sets of smoothed noise, the second one disturbed by other noise."""
+    generator = np.random.default_rng(seed)
+    one, other = (ndimage.gaussian_filter(generator.standard_normal((n,) * 3), sigma) for sigma in sigmas)
+    one /= one.std()
+    return one > level, one + 0.4 * other / other.std() > level
+
+
+def seeds(n_pairs: int, seconds: float):
+    """So many numbers, but none after some time."""
+    started = time.perf_counter()
+    return takewhile(lambda _: time.perf_counter() - started < seconds, range(n_pairs))
+
+
+def oracle(n_pairs: int, seconds: int = 600) -> None:
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+    from chain_complexes import matched_by_definition
+
+    equal, n_done = 0, 0
+    for seed in seeds(n_pairs, seconds):
+        connectivity = CONNECTIVITIES[seed % 2]
+        pair = random_pair(5 + seed % 4, seed, (0.3 * (seed % 3), 0.5), 0.7)
+        found = SolidPair(*pair, connectivity).numbers
+        rows = list(zip(found.first, found.second, found.matched, strict=True))
+        equal, n_done = equal + (rows == matched_by_definition(*pair, connectivity)), n_done + 1
+    print(f"equal to the definition in all dimensions: {equal} of {n_done}, 5³ to 8³")
+
+
+def symmetry(n_pairs: int, seconds: int = 600) -> None:
+    same, n_done = 0, 0
+    moves = list(product(permutations(range(3)), product((1, -1), repeat=3)))
+    for seed in seeds(n_pairs, seconds):
+        pair = random_pair(26, 300 + seed, (1.5, 1.2), 0.7)
+        moved = (
+            [one.transpose(axes)[tuple(slice(None, None, k) for k in steps)] for one in pair] for axes, steps in moves
+        )
+        found = {SolidPair(*one, CONNECTIVITIES[seed % 2]).numbers for one in moved}
+        same, n_done = same + (len(found) == 1), n_done + 1
+    print(f"the same under 48 symmetries: {same} of {n_done} pairs, 26³")
+
+
+def official(n_pairs: int, library: str, seconds: int = 600) -> None:
+    judge, equal, changed, n_done = _judge(library), Counter(), 0, 0
+    for seed in seeds(n_pairs, seconds):
+        pair = random_pair(26 + seed % 23, seed, (1.5, 1.2), 0.7)
+        found = SolidPair(*pair, 6).numbers
+        theirs = np.add(judge(*pair), (1, 0, 0))  # it leaves out the part that never ends
+        equal.update(k for k in range(3) if theirs[k] == found.matched[k])
+        changed += judge(*(one[::-1].copy() for one in pair))[1] != theirs[1]
+        n_done += 1
+    print(f"equal to Betti matching: {dict(sorted(equal.items()))} of {n_done}, 26³ to 48³")
+    print(f"its tunnels change when both volumes are mirrored along one axis: {changed}; ours: 0 by `symmetry`")
+
+
+def cost(n: int, connectivity: int, library: str | None = None) -> None:
+    SolidPair(*random_pair(8, 0, (1, 1), 0.5), connectivity).numbers  # noqa: B018  (compiles)
+    judge = None if library is None else _judge(library)
+    pair = random_pair(n, 300, (4, 4), 0.8)
+    before, started = _peak(), time.process_time()
+    matched = judge(*pair) if judge else SolidPair(*pair, connectivity).numbers.matched
+    print(
+        f"{n}³, {'Betti matching' if judge else connectivity}: {time.process_time() - started:.2f} CPU s, "
+        f"{_peak() - before:.2f} GiB more than before, matched {tuple(int(m) for m in matched)}"
+    )
+
+
+def planted(n_each: int) -> None:
+    found = Counter()
+    for kind, seed in product(("split part", "bridge", "hole", "bubble", "broken loop"), range(n_each)):
+        generator = np.random.default_rng(seed)
+        truth, changed, planted = _PLANTS[kind](generator)
+        prediction = truth ^ planted
+        one = compare_solids(prediction, truth, connectivity=26)
+        low, high = np.argwhere(planted).min(0) - 0.5, np.argwhere(planted).max(0) + 0.5
+        is_found = [feature.kind for feature in one.features] == [kind]
+        centers = np.array([feature.center for feature in one.features])
+        is_there = is_found and bool(((low - 1 <= centers) & (centers <= high + 1)).all())
+        found[kind, changed] += is_there
+    for (kind, what), count in found.items():
+        print(f"{kind} in {what}: found and located {count} of {n_each}")
+
+
+def _tree(generator, n: int = 48):
+    """A random walk of a tube of radius 2 from one side to the other; it has no loops."""
+    solid, at = np.zeros((n, n, n), bool), np.array([4, n // 2, n // 2])
+    for x in range(4, n - 4):
+        solid[x, at[1], at[2]] = True
+        step = generator.integers(-1, 2, 2)
+        at[1:] = np.clip(at[1:] + step, 8, n - 9)
+        solid[x, at[1], at[2]] = True
+    ball = np.linalg.norm(np.mgrid[-2:3, -2:3, -2:3], axis=0) <= 2.1
+    return ndimage.binary_dilation(solid, ball)
+
+
+def _break(generator):
+    truth, x = _tree(generator), int(generator.integers(14, 34))
+    gap = np.zeros_like(truth)
+    gap[x : x + 2] = True
+    return truth, "a vessel", truth & gap
+
+
+def _bridge(generator):
+    truth = np.zeros((40, 40, 24), bool)
+    x, y = generator.integers(8, 30, 2)
+    truth[4:36, 4:36, 4:7] = truth[4:36, 4:36, 16:19] = truth[4:7, 4:36, 4:19] = True
+    planted = np.zeros_like(truth)
+    planted[x : x + 2, y : y + 2, 7:16] = True
+    return truth, "two sheets", planted
+
+
+def _pinhole(generator):
+    truth = np.zeros((40, 40, 24), bool)
+    truth[4:36, 4:36, 9:12] = True
+    x, y = generator.integers(6, 32, 2)
+    planted = np.zeros_like(truth)
+    planted[x : x + 1 + int(generator.integers(2)), y, 9:12] = True
+    return truth, "a sheet", planted
+
+
+def _bubble(generator):
+    truth = _tree(generator)
+    inner = np.argwhere(ndimage.binary_erosion(truth, np.ones((3, 3, 3))))
+    planted = np.zeros_like(truth)
+    planted[tuple(inner[generator.integers(len(inner))])] = True
+    return truth, "a vessel", planted
+
+
+def _broken(generator):
+    truth = np.zeros((40, 40, 12), bool)
+    x, y, z = np.ogrid[:40, :40, :12]
+    around = np.hypot(np.hypot(x - 19.5, y - 19.5) - 13, z - 5.5)
+    truth |= around < 2.6
+    turn, angle = generator.random() * 6.28, np.arctan2(x - 19.5, y - 19.5) + 0 * z
+    return truth, "a loop", truth & (np.abs((angle - turn + np.pi) % (2 * np.pi) - np.pi) < 0.12)
+
+
+_PLANTS = {"split part": _break, "bridge": _bridge, "hole": _pinhole, "bubble": _bubble, "broken loop": _broken}
+
+
+def _judge(library: str):
+    spec = importlib.util.spec_from_file_location("betti_matching", library)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def matched(first, second):
+        result = module.compute_matching(*(np.where(one, 0.0, 1.0) for one in (first, second)))
+        return np.array(result.num_matched)
+
+    return matched
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+
+
+if __name__ == "__main__":
+    {"oracle": oracle, "symmetry": symmetry, "official": official, "cost": cost, "planted": planted}[sys.argv[1]](
+        *(int(word) if word.isdigit() else word for word in sys.argv[2:])
+    )

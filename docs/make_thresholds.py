@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from topokit.core.cloud.settings import CloudSettings
+from topokit.core.cloud.settings import CloudSettings, OutlierSettings
 from topokit.report import confidence, verdict
 
 PAGE = Path(__file__).with_name("thresholds.md")
@@ -86,7 +86,8 @@ def numbered(sources: Sequence[str]) -> list[str]:
 
 def cloud_settings() -> Iterator[str]:
     """A table of every setting of point clouds with its value, unit, meaning and source, and the sources."""
-    groups = [(group.name, getattr(CloudSettings(), group.name)) for group in dataclasses.fields(CloudSettings)]
+    groups = [("outliers", OutlierSettings())]
+    groups += [(group.name, getattr(CloudSettings(), group.name)) for group in dataclasses.fields(CloudSettings)]
     rows = [(name, group, one) for name, group in groups for one in dataclasses.fields(group)]
     sources = list(dict.fromkeys(one.metadata["source"] for _, _, one in rows))
     yield from ("| setting | value | unit | meaning | source |", "|---|---|---|---|---|")

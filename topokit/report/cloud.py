@@ -19,7 +19,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import (
     check_sentences,
     confidence_sentences,
-    far_sentences,
+    outlier_sentences,
     preparation_sentences,
 )
 from topokit.report.examination import Examination
@@ -61,7 +61,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
     return replace(
         report,
         name=name,
-        reasons=(*deciding, *notes, *far_sentences(found.n_far), *others, _curvature_sentence(found)),
+        reasons=(*deciding, *notes, *outlier_sentences(found.n_outliers), *others, _curvature_sentence(found)),
         evidence=(estimate, *votes),
         estimate=estimate.value,
     )

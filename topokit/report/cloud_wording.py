@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from topokit.core.cloud.findings import Witness
-from topokit.core.cloud.settings import GuardSettings, QualitySettings
+from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
@@ -172,14 +172,12 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def far_sentences(n_far: int) -> tuple[str, ...]:
-    """Which points were left out because they lie far from all others, if any."""
-    if n_far == 0:
+def outlier_sentences(n_outliers: int) -> tuple[str, ...]:
+    """How many points were left out because they are off the surface, if any."""
+    if n_outliers == 0:
         return ()
-    what, was = ("1 point lies", "was") if n_far == 1 else (f"{n_far} points lie", "were")
-    return (
-        f"{what} more than {GuardSettings().far:.0f} times as far from the middle as most others and {was} left out.",
-    )
+    what, was = ("1 point lies", "was") if n_outliers == 1 else (f"{n_outliers} points lie", "were")
+    return (f"{what} off the surface, far from {'its' if n_outliers == 1 else 'their'} neighbors, and {was} left out.",)
 
 
 def _numbers(witness: Witness) -> dict[str, object]:

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.cloud.guards import far_points
+from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
 from topokit.core.cloud.settings import SamplingSettings
 from topokit.core.cloud.witness import Witness, global_witness
@@ -62,13 +63,15 @@ class Examination:
 
     @cached_property
     def _near(self) -> Tensor | None:
-        """Indices of the points that are not absurdly far from all others, or None if all are near."""
-        far = far_points(self.samples.points)
-        return (~far).nonzero().squeeze(1) if bool(far.any()) else None
+        """Indices of the points that are on the surface, or None if all are."""
+        points = self.samples.points
+        near = (~far_points(points)).nonzero().squeeze(1)
+        near = near[~outliers(points[near])]
+        return near if len(near) < len(points) else None
 
     @property
-    def n_far(self) -> int:
-        """Number of points left out of everything but `neighbors` and `curvature`, because they are far off."""
+    def n_outliers(self) -> int:
+        """Number of outliers, which are left out of everything but `neighbors` and `curvature`."""
         return 0 if self._near is None else self.samples.n_points - len(self._near)
 
     @cached_property

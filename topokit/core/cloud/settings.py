@@ -13,6 +13,10 @@ DENSE = "the same meshes, 200 000 random points each"
 WIRES = "67 tubes along random graphs, knots, polyhedra, helices and chained rings, 1 500 to 10 000 points"
 GEOMETRY = "the geometry of random samples of a plane"
 COST = "time and memory on two processors (benchmarks/bench_global.py, benchmarks/large_cloud.py)"
+STRAY = (
+    "47 closed real meshes, 10 000 random points each: none is left out; with 1 to 20 % of uniform points in boxes of 1 "
+    "to 10 times the size: 20 to 99 % of these"
+)
 NOISY = "plates, chairs and mugs with noise of 0.5 to 2 % of their length, 10 000 to 200 000 points"
 
 
@@ -281,6 +285,21 @@ class WireSettings:
     gap: float = _number(6.0, "spacings", "that join everything but stray points", WIRES)
     smallest_part: int = _number(20, "points", "of a separate part that is not clutter", WIRES)
     around: int = _number(30, "neighbors", "that hold a whole cross-section", WIRES)
+
+
+@dataclass(frozen=True)
+class OutlierSettings:
+    """Points that are left out before a cloud is examined; widths are distances to the eighth neighbor."""
+
+    isolated: float = _number(
+        1.5, "ratio", "width of an outlier's neighborhood over the median of its neighbors' widths", STRAY
+    )
+    sparse: float = _number(2.5, "ratio", "the same over the median of all, from which isolation is enough", STRAY)
+    beside: float = _number(
+        0.5, "widths", "distance of a less isolated outlier from the plane of its neighbors", STRAY
+    )
+    wide: float = _number(4.0, "ratio", "width among other outliers over the median of all", STRAY)
+    round: float = _number(0.3, "ratio of extents", "roundness of neighborhoods among other outliers", STRAY)
 
 
 @dataclass(frozen=True)

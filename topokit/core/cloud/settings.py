@@ -14,8 +14,8 @@ WIRES = "67 tubes along random graphs, knots, polyhedra, helices and chained rin
 GEOMETRY = "the geometry of random samples of a plane"
 COST = "time and memory on two processors (benchmarks/bench_global.py, benchmarks/large_cloud.py)"
 STRAY = (
-    "47 closed real meshes, 10 000 random points each: none is left out; with 1 to 20 % of uniform points in boxes of 1 "
-    "to 10 times the size: 20 to 99 % of these"
+    "47 closed real meshes, 10 000 random points each: none is left out; of 1 to 20 % of uniform points in boxes of 1 "
+    "to 10 times the size, 20 to 99 % are"
 )
 NOISY = "plates, chairs and mugs with noise of 0.5 to 2 % of their length, 10 000 to 200 000 points"
 
@@ -295,9 +295,7 @@ class OutlierSettings:
         1.5, "ratio", "width of an outlier's neighborhood over the median of its neighbors' widths", STRAY
     )
     sparse: float = _number(2.5, "ratio", "the same over the median of all, from which isolation is enough", STRAY)
-    beside: float = _number(
-        0.5, "widths", "distance of a less isolated outlier from the plane of its neighbors", STRAY
-    )
+    beside: float = _number(0.5, "widths", "distance of a less isolated outlier from the plane of its neighbors", STRAY)
     wide: float = _number(4.0, "ratio", "width among other outliers over the median of all", STRAY)
     round: float = _number(0.3, "ratio of extents", "roundness of neighborhoods among other outliers", STRAY)
 

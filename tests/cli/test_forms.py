@@ -276,7 +276,7 @@ def test_the_options_of_an_adapter_are_listed() -> None:
     rows = {option: (default, expected) for option, default, expected in lines}
     assert rows["--connectivity"] == ("26", "an integer")
     assert rows["--level"] == ("none", "a number or none")
-    assert json.loads(invoke("adapters", "splats", "--json").stdout)[1]["option"] == "--component"
+    assert "--component" in [row["option"] for row in json.loads(invoke("adapters", "splats", "--json").stdout)]
     assert invoke("adapters", "nothing").exit_code == 2
 
 

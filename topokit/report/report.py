@@ -106,7 +106,8 @@ class TopologyReport:
             "unsure" means that it does not, that there is too little of it, or that a cloud is open.
         reasons: sentences with their numbers; those that decided the verdict come first.
         evidence: all evidence.
-        estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, or None if it was not computed.
+        estimate: the Gauss–Bonnet estimate χ⁽⁰⁾ of `Shape.gauss_bonnet`, of a cloud without its outliers, or None if it
+            was not computed.
         refined: the self-optimized χ⁽ᴷ⁾, or None if it was not computed.
         solid: the solid that a mesh encloses by winding number, or None if it was not computed.
         resolution: width of the narrowest feature that the evidence can see, in units of length; None if it is exact.

@@ -70,6 +70,11 @@ class Examination:
         return near if len(near) < len(points) else None
 
     @property
+    def _on_surface(self) -> SurfaceSamples:
+        """The samples without outliers."""
+        return self.samples if self._near is None else self.samples.at(self._near)
+
+    @property
     def n_outliers(self) -> int:
         """Number of outliers, which are left out of everything but `neighbors` and `curvature`."""
         return 0 if self._near is None else self.samples.n_points - len(self._near)
@@ -77,12 +82,9 @@ class Examination:
     @cached_property
     def part(self) -> Examination:
         """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
-        samples = self.samples
-        if self._near is not None:
-            return Examination(samples.at(self._near), known_closed=self._known_closed).part
-        most = SamplingSettings().boundary_points
+        samples, most = self._on_surface, SamplingSettings().boundary_points
         if samples.n_points <= most:
-            return self
+            return self if samples is self.samples else Examination(samples, known_closed=self._known_closed)
         rows = thin_along_curve(samples.points.cpu().double().numpy(), most)
         index = torch.from_numpy(rows).to(samples.points.device)
         part = samples.at(index)
@@ -125,7 +127,7 @@ class Examination:
 
     @cached_property
     def _witness_or_refusal(self) -> Witness | InputError:
-        samples = self.samples if self._near is None else self.samples.at(self._near)
+        samples = self._on_surface
         with (
             progress_bar([f"{samples.n_points} points"] if samples.n_points >= _FEWEST_FOR_BAR else []),
             ThreadPoolExecutor(1) as thread,

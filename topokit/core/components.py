@@ -14,6 +14,12 @@ Corner = tuple[float, float, float]
 Count = TypeVar("Count", int, Integers)
 
 
+def corner(place: Floats) -> Corner:
+    """A place (3,) as plain numbers."""
+    x, y, z = place.tolist()
+    return x, y, z
+
+
 def genus_of(euler: Count, boundary_loops: Count | int = 0, components: int = 1) -> Count:
     """Handles of an orientable surface, g = (2c − b − χ)/2; of arrays element by element."""
     return (2 * components - boundary_loops - euler) // 2

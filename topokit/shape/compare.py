@@ -9,6 +9,7 @@ import numpy as np
 from topokit.comparison.result import Comparison
 from topokit.comparison.solids import compare_solids
 from topokit.core.arrays import Booleans, Floats
+from topokit.core.components import corner
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
@@ -64,7 +65,7 @@ def compare(
         raise InputError(f"resolution is {resolution!r}; a number of cells, at least 2, was expected.")
     surfaces = closed_surface(shape), closed_surface(other)
     grid = _common_grid(surfaces, resolution)
-    first, second = (rasterized(surface.vertices, surface.faces, grid) for surface in surfaces)
+    first, second = (rasterized(surface, grid) for surface in surfaces)
     connectivity = connectivity or DEFAULT_CONNECTIVITY
     found = compare_solids(
         first, second, grid, connectivity=connectivity, tolerance=tolerance, names=names, resolution=grid.step
@@ -83,8 +84,7 @@ def _common_grid(surfaces: tuple[TriangleSurface, TriangleSurface], resolution: 
     low, high = corners.min(0), corners.max(0)
     step = float((high - low).max()) / resolution
     x, y, z = (np.ceil((high - low) / step) + 1 + 2 * _MARGIN).astype(int).tolist()
-    first, second, third = (low - _MARGIN * step).tolist()
-    return Grid((x, y, z), (step, step, step), (first, second, third))
+    return Grid((x, y, z), (step, step, step), corner(low - _MARGIN * step))
 
 
 def _frame_notes(names: tuple[str, str], surfaces: tuple[TriangleSurface, TriangleSurface]) -> list[str]:

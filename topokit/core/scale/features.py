@@ -22,7 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats
-from topokit.core.components import Corner
+from topokit.core.components import Corner, corner
 from topokit.core.scale.pairs import persistent_pairs
 from topokit.core.scale.signed_distance import SignedDistance
 from topokit.errors import InputError
@@ -165,9 +165,3 @@ def largest_balls(distance: SignedDistance, vertices: Floats) -> tuple[Floats, F
     best = found.argmax(1)
     rows = np.arange(len(vertices))
     return found[rows, best], places[rows, best]
-
-
-def corner(place: Floats) -> Corner:
-    """A place (3,) as plain numbers."""
-    x, y, z = place.tolist()
-    return x, y, z

@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from topokit.core.components import Corner
-from topokit.core.scale.features import corner, largest_balls
+from topokit.core.components import Corner, corner
+from topokit.core.scale.features import largest_balls
 from topokit.core.scale.pairs import persistent_pairs
 from topokit.core.scale.signed_distance import SignedDistance
 

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.components import corner
+from topokit.core.grid.grid import Grid
+from topokit.core.mesh.rasterized import rasterized
 from topokit.core.surface import TriangleSurface
-from topokit.errors import InputError
 
 Values = NDArray[np.float32]
 
-_OFFSETS = ((0.3183, 0.2718, 0.1414), (0.1732, 0.3606, 0.2236), (0.4142, 0.0918, 0.3317))
-"""Where the grid starts, in cells beyond the margin: lines of vertices that pass through edges of triangles close in
-none of them together."""
-
+_MARGIN = (1.6817, 1.7282, 1.8586)
+"""Cells between the surface and the start of the grid, such that planes of symmetry pass through no vertices."""
 _SAMPLES_PER_CELL = 3.0  # along each direction of a triangle
-_CHUNK = 1 << 22  # pairs of a triangle and a line, or samples, that are in memory at once
+_CHUNK = 1 << 22  # samples in memory at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:
     """Signed distances on a grid around a closed surface.
 
     Signs are exact: a vertex is inside where the surface winds around it a positive number of times. Distances are
-    those to one sample of the surface in a nearby cell, and may be too large by half a cell.
+    those to one sample of the surface in a nearby cell, and may be too large by a cell.
 
     Args:
         surface: closed triangles, counterclockwise seen from outside the solid.
@@ -58,50 +58,13 @@ def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:
         InputError: if the surface is not closed.
     """
     corners = surface.vertices[surface.faces]
-    low, high = corners.min((0, 1)) - 2 * cell, corners.max((0, 1)) + cell
-    counts = (np.ceil((high - low) / cell) + 1).astype(np.int64)
-    for offset in _OFFSETS:
-        start = low + cell * np.asarray(offset)
-        scaled = (corners - start) / cell
-        inside = _winds_around(scaled, counts)
-        if inside is not None:
-            values, samples = _distances(scaled, inside)
-            np.negative(values, out=values, where=inside)
-            return SignedDistance(values * np.float32(cell), start, cell, start + cell * samples)
-    raise InputError("the surface is not closed: lines through it enter it more often than they leave it.")
-
-
-def _winds_around(corners: Floats, counts: Integers) -> Booleans | None:
-    """Whether the winding number of triangles (F, 3, 3), in cells, is positive at each vertex; None if lines along the
-    last axis do not leave what they enter."""
-    steps = np.zeros(counts, dtype=np.int16)
-    a, b, c = (corners[:, k] for k in range(3))
-    double_area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    first = np.ceil(corners[:, :, :2].min(1)).astype(np.int64)
-    sizes = np.maximum(np.floor(corners[:, :, :2].max(1)).astype(np.int64) - first + 1, 0)
-    n_lines = np.where(double_area != 0, sizes[:, 0] * sizes[:, 1], 0)
-    for rows in _chunks(n_lines):
-        triangle, number = _repeated(rows, n_lines[rows])
-        x, y = first[triangle, 0] + number // sizes[triangle, 1], first[triangle, 1] + number % sizes[triangle, 1]
-        weights = [_side(corners, triangle, (k + 1) % 3, (k + 2) % 3, x, y) for k in range(3)]
-        sign = np.sign(double_area[triangle])
-        hit = np.flatnonzero(np.logical_and.reduce([weight * sign > 0 for weight in weights]))
-        own = triangle[hit]
-        height = sum(weights[k][hit] * corners[own, k, 2] for k in range(3)) / double_area[own]
-        z = np.clip(np.ceil(height).astype(np.int64), 0, counts[2] - 1)
-        np.add.at(steps, (x[hit], y[hit], z), -sign[hit].astype(np.int16))
-    winding = np.cumsum(steps, axis=2, dtype=np.int16)
-    return None if winding[:, :, -1].any() else winding > 0
-
-
-def _side(corners: Floats, triangle: Integers, first: int, second: int, x: Integers, y: Integers) -> Floats:
-    """Twice the signed area of (first corner, second corner, line), the same but for its sign in both triangles of an
-    edge."""
-    p, q = corners[triangle, first, :2], corners[triangle, second, :2]
-    is_swapped = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
-    p, q = np.where(is_swapped[:, None], q, p), np.where(is_swapped[:, None], p, q)
-    area = (p[:, 0] - x) * (q[:, 1] - y) - (p[:, 1] - y) * (q[:, 0] - x)
-    return np.where(is_swapped, -area, area)
+    margin = cell * np.asarray(_MARGIN)
+    low, high = corners.min((0, 1)) - margin, corners.max((0, 1)) + margin
+    x, y, z = (np.ceil((high - low) / cell) + 1).astype(int).tolist()
+    inside = rasterized(surface, Grid((x, y, z), (cell, cell, cell), corner(low)))
+    values, samples = _distances((corners - low) / cell, inside)
+    np.negative(values, out=values, where=inside)
+    return SignedDistance(values * np.float32(cell), low, cell, low + cell * samples)
 
 
 def _distances(corners: Floats, inside: Booleans) -> tuple[Values, Floats]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -54,7 +55,9 @@ def test_degenerate_clouds_are_never_believed(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["two places", "line"])
 def test_large_clouds_without_volume_are_refused(name: str) -> None:
-    report = report_of(ZOO[name](200_000))
+    started = time.process_time()
+    report = report_of(ZOO[name](100_000))
+    assert time.process_time() - started < 15  # one to three; where copies are searched one by one, 20 and more
     assert report.verdict == "unsure"
     assert any(reason.startswith("No solid can be found") for reason in report.reasons)
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.settings import OutlierSettings
-from topokit.core.neighbors.kd_tree import nearest_in_tree
+from topokit.core.neighbors.kd_tree import nearest_in_tree, without_many_copies
 
 Booleans = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -55,10 +55,11 @@ def outliers(points: Tensor, settings: OutlierSettings | None = None) -> Tensor:
 
 def _outliers_among(points: Floats, settings: OutlierSettings) -> Booleans:
     """Which points (N, 3) are outliers as long as all others are in place."""
-    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
+    apart = without_many_copies(points, _NEIGHBORS + 1)
+    tree = cKDTree(points[apart], balanced_tree=False, compact_nodes=False)
     widths, around = np.empty(len(points)), np.empty((len(points), _WIDTH), dtype=np.int32)
     for rows in np.array_split(np.arange(len(points)), -(-len(points) // _ROWS)):
-        around[rows] = nearest_in_tree(tree, points[rows], _WIDTH + 1)[:, 1:]
+        around[rows] = apart[nearest_in_tree(tree, points[rows], _WIDTH + 1)[:, 1:]]
         widths[rows] = np.linalg.norm(points[around[rows, -1]] - points[rows], axis=1)
     typical = np.median(widths)
     isolation = widths / np.maximum(np.median(widths[around], axis=1), np.finfo(float).tiny)
@@ -75,7 +76,7 @@ def _planes(points: Floats, rows: Integers, tree: cKDTree) -> tuple[Floats, Floa
     """Distances (M,) of some points from the planes of their neighbors, and the roundness (M,) of these neighbors."""
     if len(rows) == 0:
         return np.empty(0), np.empty(0)
-    patch = points[nearest_in_tree(tree, points[rows], min(_NEIGHBORS + 1, len(points)))[:, 1:]]
+    patch = tree.data[nearest_in_tree(tree, points[rows], min(_NEIGHBORS + 1, tree.n))[:, 1:]]
     middle = patch.mean(1)
     patch = patch - middle[:, None]
     variance, axes = np.linalg.eigh(np.einsum("mka,mkb->mab", patch, patch))

@@ -61,7 +61,7 @@ def kd_tree_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
         InputError: if a squared distance overflows.
     """
     coordinates = points.double().numpy()
-    rows = _without_many_copies(coordinates, n_neighbors + 1)
+    rows = without_many_copies(coordinates, n_neighbors + 1)
     tree = cKDTree(coordinates[rows], balanced_tree=False, compact_nodes=False)
     is_whole = len(rows) == len(coordinates)
     order = tree.indices if is_whole else np.arange(len(coordinates))  # in tree order 100 000 queries are twice as fast
@@ -78,7 +78,7 @@ def kd_tree_neighbors(points: Tensor, n_neighbors: int) -> Tensor:
     return torch.from_numpy(found[~itself].reshape(len(found), n_neighbors))
 
 
-def _without_many_copies(coordinates: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+def without_many_copies(coordinates: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """Indices of all points, or of at most `most` at each place where a sample shows that many coincide.
 
     Points in one place cannot be told apart by a tree, so that queries among them would take quadratic time.

@@ -27,10 +27,10 @@ FLOORS = [
 CORE_FLOORS = [
     {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
     | {"processors", "progress", "surface", "loops", "precision", "residence"},
-    {"local", "grid", "scale"},
+    {"local", "grid"},
     {"blocks"},
     {"cloud", "mesh", "homotopy", "comparison"},
-    {"implicit"},
+    {"implicit", "scale"},
     {"handles"},
 ]
 HEAVY = ("trimesh", "skimage", "open3d", "plyfile", "potpourri3d", "rich", "typer")

@@ -187,6 +187,41 @@ def nifti(rng: Rng) -> bytes:
     return bytes(kind(_volume(rng), affine).to_bytes())
 
 
+def mgh(rng: Rng) -> bytes:
+    import nibabel
+
+    volume = _volume(rng)
+    kept = volume if volume.dtype.itemsize < 8 else volume.astype(np.float32)
+    return bytes(nibabel.MGHImage(kept, np.diag([*rng.uniform(0.5, 2, size=3), 1.0])).to_bytes())
+
+
+def mrc(rng: Rng) -> bytes:
+    import mrcfile
+
+    with TemporaryDirectory() as folder:
+        with mrcfile.new(Path(folder) / "f.mrc", _volume(rng).astype(np.int16)) as file:
+            file.voxel_size = tuple(rng.uniform(0.5, 2, size=3))
+        return (Path(folder) / "f.mrc").read_bytes()
+
+
+def gifti(rng: Rng) -> bytes:
+    from nibabel.gifti import GiftiDataArray, GiftiImage
+
+    vertices, faces = _triangles(rng)
+    encoding = str(rng.choice(["GIFTI_ENCODING_ASCII", "GIFTI_ENCODING_B64BIN", "GIFTI_ENCODING_B64GZ"]))
+    parts = (("POINTSET", np.asarray(vertices, np.float32)), ("TRIANGLE", np.asarray(faces, np.int32)))
+    arrays = [GiftiDataArray(data, intent=f"NIFTI_INTENT_{name}", encoding=encoding) for name, data in parts]
+    return bytes(GiftiImage(darrays=arrays).to_bytes())
+
+
+def freesurfer(rng: Rng) -> bytes:
+    from nibabel.freesurfer import write_geometry
+
+    with TemporaryDirectory() as folder:
+        write_geometry(Path(folder) / "f", *map(np.asarray, _triangles(rng)))
+        return (Path(folder) / "f").read_bytes()
+
+
 def nrrd(rng: Rng) -> bytes:
     import nrrd as pynrrd
 
@@ -285,6 +320,10 @@ FLAT: dict[str, tuple[str, Writer]] = {
     "parquet": ("f.parquet", parquet),
     "npy volume": ("f.npy", lambda rng: npy(_volume(rng))),
     "nii": ("f.nii", nifti),
+    "mgh": ("f.mgh", mgh),
+    "mrc": ("f.mrc", mrc),
+    "gifti": ("f.gii", gifti),
+    "freesurfer": ("f.white", freesurfer),
     "nrrd": ("f.nrrd", nrrd),
     "tif": ("f.tif", tiff),
     "3dgs": ("f.ply", _splats(write_splat_ply)),

@@ -41,13 +41,13 @@ def reader_of(name: str) -> Callable[[Path], Any]:
         from topokit.adapters.splats.formats.choose import read_splats
 
         return read_splats
-    if name in ("glb", "gltf", "3mf", *list(FLAT)[:6]):
+    if name in ("glb", "gltf", "3mf", "gifti", "freesurfer", *list(FLAT)[:6]):
         from topokit.adapters.mesh.files import read_mesh
 
         return read_mesh
     if name == "nii.gz":
         return _read_packed
-    if "volume" in name or name.startswith(("nii", "nrrd", "tif")):
+    if "volume" in name or name.startswith(("nii", "nrrd", "tif", "mgh", "mrc")):
         from topokit.adapters.voxels.files import read_volume
 
         return read_volume

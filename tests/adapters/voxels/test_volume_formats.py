@@ -58,6 +58,39 @@ def test_nifti_takes_slope_and_sform(tmp_path: Path) -> None:
     check(tk.load(tmp_path / "pair.img"))
 
 
+def test_mgz_is_placed_by_its_affine(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel", reason="nibabel is not installed; make test installs it")
+    affine = np.diag([*SIZES, 1])
+    affine[:3, 3] = 10, 20, -30
+    for name in ("a.mgz", "b.mgh"):
+        nibabel.save(nibabel.MGHImage(RING, affine), tmp_path / name)
+        shape = tk.load(tmp_path / name)
+        check(shape)
+        [handle] = shape.report(locate=True).location.handles
+        place = handle.place
+        assert (place.unit, place.space) == ("mm", "RAS")
+        assert place.world == pytest.approx(affine[:3, :3] @ place.voxel + affine[:3, 3], abs=2)
+
+
+@pytest.mark.parametrize("placed_by", ["origin", "start"])
+def test_mrc_has_its_axes_in_the_order_of_its_header(placed_by: str, tmp_path: Path) -> None:
+    mrcfile = pytest.importorskip("mrcfile", reason="mrcfile is not installed; make test installs it")
+    with mrcfile.new(tmp_path / "a.mrc", RING) as file:  # sections along x, rows along z, columns along y
+        header = file.header
+        header.maps, header.mapr, header.mapc = 1, 3, 2
+        header.mx, header.my, header.mz = 9, 5, 8
+        header.cella = (9 * 1.0, 5 * 3.0, 8 * 2.0)
+        if placed_by == "origin":
+            header.origin = (7.0, 12.0, 6.0)
+        else:
+            header.nzstart, header.nystart, header.nxstart = 7, 3, 4
+    shape = tk.load(tmp_path / "a.mrc")
+    check(shape)
+    [handle] = shape.report(locate=True).location.handles
+    x, z, y = handle.place.voxel
+    assert (handle.place.unit, handle.place.world) == ("Å", pytest.approx((7 + x, 12 + 3 * y, 6 + 2 * z), abs=2))
+
+
 def test_nrrd_takes_space_directions(tmp_path: Path) -> None:
     nrrd = pytest.importorskip("nrrd", reason="pynrrd is not installed; make test installs it")
     header = {"space": "left-posterior-superior", "space directions": np.diag(SIZES)}

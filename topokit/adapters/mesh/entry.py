@@ -26,6 +26,8 @@ FINITE_ELEMENTS = {
     ".ugrid": "ugrid",
 }
 
+_FREESURFER = (".white", ".pial", ".smoothwm", ".inflated", ".sphere")  # lh.white, rh.pial, …
+
 
 def _may_be_off(path: Path, start: bytes) -> bool:
     """Whether a file begins with one of the words of OFF, perhaps in small letters."""
@@ -46,6 +48,7 @@ def _is_3mf(path: Path, start: bytes) -> bool:
 
 
 _HERE = "topokit.adapters.mesh.files"
+_BRAIN = "topokit.adapters.mesh.formats.brain"
 FORMATS = (
     Format("OBJ", (".obj",), never, f"{_HERE}:read_obj"),
     Format("OFF", (".off",), _may_be_off, f"{_HERE}:read_off_file", is_certain=_is_off),
@@ -60,6 +63,11 @@ FORMATS = (
     ),
     Format("3MF", (".3mf",), begins(ZIP), f"{_HERE}:read_3mf", requires=("lxml", "networkx"), is_certain=_is_3mf),
     Format("DAE", (".dae",), never, f"{_HERE}:read_dae", requires=("collada",)),
+    Format(
+        *("GIFTI", (".gii",), lambda path, start: b"<GIFTI" in start[:4096], f"{_BRAIN}:read_gifti"),
+        requires=("nibabel",),
+    ),
+    Format(*("FreeSurfer", _FREESURFER, begins(b"\xff\xff\xfe"), f"{_BRAIN}:read_freesurfer"), requires=("nibabel",)),
 )
 
 MESH = Adapter(

@@ -18,7 +18,7 @@ _STEP = 1 << 20
 _BIG_TIFF = 43  # version of the format with offsets of eight bytes
 
 
-def check_nifti(path: Path, image: Any, n_bytes: int) -> None:
+def check_nibabel(path: Path, image: Any, n_bytes: int) -> None:
     """Refuse an image of nibabel, not read yet, with more voxels than there are bytes.
 
     Raises:

@@ -32,6 +32,11 @@ def is_nifti(path: Path, start: bytes) -> bool:
     return start[344:347] in (b"n+1", b"ni1") or start[4:7] == b"n+2"
 
 
+def _is_mgh(path: Path, start: bytes) -> bool:
+    """Whether a file begins with version 1 and a known type of voxels."""
+    return start[:4] == b"\0\0\0\x01" and start[20:23] == b"\0\0\0" and start[23:24] in b"\0\x01\x03\x04\x0a"
+
+
 def is_dicom(start: bytes) -> bool:
     """Whether a file that begins with these bytes is DICOM."""
     return start[128:132] == b"DICM"
@@ -86,6 +91,11 @@ FORMATS = (
     ),
     Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_is_volume),
     Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires=("nibabel",)),
+    Format("MGH", (".mgh", ".mgz"), _is_mgh, f"{_HERE}.medical:read_mgh", requires=("nibabel",)),
+    Format(
+        *("MRC", (".mrc", ".ccp4"), lambda path, start: start[208:212] == b"MAP ", f"{_HERE}.mrc:read_mrc"),
+        requires=("mrcfile",),
+    ),
     Format("NRRD", (".nrrd", ".nhdr"), begins(b"NRRD0"), f"{_HERE}.medical:read_nrrd", requires=("nrrd",)),
     Format(
         *("TIFF", _TIFF, begins(b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")),

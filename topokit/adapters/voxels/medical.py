@@ -1,4 +1,4 @@
-"""Volumes of medicine: NIfTI through nibabel, NRRD through pynrrd, MetaImage and DICOM through SimpleITK.
+"""Volumes of medicine: NIfTI and MGH through nibabel, NRRD through pynrrd, MetaImage and DICOM through SimpleITK.
 
 Also images of nibabel, SimpleITK and MONAI in memory, which are known by their attributes.
 """
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.adapters.voxels.bounds import check_nifti, check_nrrd
+from topokit.adapters.voxels.bounds import check_nibabel, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
 from topokit.adapters.voxels.stored import placement_of_xarray
 from topokit.core.arrays import Floats
@@ -46,15 +46,31 @@ def read_nifti(path: Path) -> Volume:
         raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = path.read_bytes()
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
-    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError):
+    with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, LookupError):
         is_pair = data[344:347] == _PAIR or path.suffix.lower() == ".img"
         if is_pair:
             for one in nibabel.Nifti1Pair.filespec_to_file_map(path).values():
                 require_beside(path, Path(one.filename))
         image = nibabel.Nifti1Pair.from_filename(path) if is_pair else kind.from_bytes(data)
-        check_nifti(path, image, _voxel_bytes(path, len(data)))
-        array = np.asanyarray(image.dataobj)
-    return array, _of_nibabel(image)
+        check_nibabel(path, image, _voxel_bytes(path, len(data)))
+        return np.asanyarray(image.dataobj), _of_nibabel(image)
+
+
+def read_mgh(path: Path) -> Volume:
+    """A volume of FreeSurfer, with the affine of its header."""
+    try:
+        from nibabel.filebasedimages import ImageFileError
+        from nibabel.freesurfer import MGHImage
+        from nibabel.freesurfer.mghformat import MGHError
+        from nibabel.spatialimages import HeaderDataError
+        from nibabel.wrapstruct import WrapStructError
+    except ImportError as error:
+        raise MissingDependencyError(f"Reading {path.suffix} needs nibabel: {_HOW}.") from error
+    data = path.read_bytes()
+    with reading(path, "nibabel", ImageFileError, MGHError, HeaderDataError, WrapStructError, LookupError, TypeError):
+        image = MGHImage.from_bytes(data)
+        check_nibabel(path, image, len(data))
+        return np.asanyarray(image.dataobj), _of_nibabel(image)
 
 
 def _voxel_bytes(path: Path, size: int) -> int:

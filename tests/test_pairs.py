@@ -54,6 +54,27 @@ def test_grids_of_volumes_have_to_be_the_same(tmp_path) -> None:
     assert [row[0] for row in matched_files(tmp_path, tmp_path)] == ["a", "b"]
 
 
+def test_places_are_those_of_the_scanner(tmp_path) -> None:
+    nibabel = pytest.importorskip("nibabel", reason="nibabel is not installed; make test installs it")
+    affine = np.array([[0.0, -2, 0, 40], [1, 0, 0, -50], [0, 0, 3, 7], [0, 0, 0, 1]])  # a quarter turn, and moved
+    truth = np.zeros((12, 11, 10), np.uint8)
+    truth[2:9, 2:9, 2:8] = 1
+    torn = truth.copy()
+    torn[5, 4] = 0  # a hole along the last axis
+    for name, volume in (("torn", torn), ("truth", truth)):
+        nibabel.save(nibabel.Nifti1Image(volume, affine), tmp_path / f"{name}.nii.gz")
+    whole = tk.compare(tmp_path / "torn.nii.gz", tmp_path / "truth.nii.gz")
+    [of_label] = tk.compare_labels(tmp_path / "torn.nii.gz", tmp_path / "truth.nii.gz").values()
+    shapes = tk.load(tmp_path / "torn.nii.gz").compare(tk.load(tmp_path / "truth.nii.gz"))
+    for found in (whole, of_label, shapes):
+        [hole] = found.features
+        i, j, k = hole.place.voxel
+        assert (i, j) == (5, 4)
+        assert hole.place.world == pytest.approx((40 - 2 * 4, -50 + 5, 7 + 3 * k), abs=1.6)
+        assert "mm RAS" in found.text()
+        assert found.to_dict()["features"][0]["place"]["unit"] == "mm"
+
+
 def test_a_row_for_each_label() -> None:
     truth, predicted = RING * 1 + np.roll(RING, 1, 2) * 0, CUT.copy()
     truth[0, 0, 0], predicted[11, 11, 4] = 4, 9

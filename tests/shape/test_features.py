@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import trimesh
@@ -139,3 +141,13 @@ def test_narrow_places_need_a_surface_a_width_and_a_grid() -> None:
         tk.from_mesh(torus_mesh()).narrow_places(below=-1)
     with pytest.raises(tk.InputError, match="ask for those below"):
         tk.from_mesh(torus_mesh()).narrow_places(below=1e-6)
+
+
+def test_features_of_a_scan_are_placed_as_its_file_says(tmp_path: Path) -> None:
+    nibabel = pytest.importorskip("nibabel", reason="nibabel is not installed; make test installs it")
+    ring = np.zeros((16, 16, 8), np.uint8)
+    ring[2:14, 2:14, 2:6] = 1
+    ring[6:10, 6:10] = 0
+    nibabel.save(nibabel.Nifti1Image(ring, np.diag([-1.0, -1, 1, 1])), tmp_path / "ring.nii")
+    text = tk.load(tmp_path / "ring.nii").report(features=True).text()
+    assert re.search(r"Tunnel: \S+ wide, its handle \S+ thick, at voxel \([78], [78], \d\), in mm RAS \(-[78]", text)

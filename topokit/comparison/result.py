@@ -11,6 +11,7 @@ from topokit.comparison.agreement import Agreement
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
 from topokit.core.loops import middle
+from topokit.report.location import Place
 from topokit.report.report import Betti, plain
 from topokit.report.wording import plural, position
 from topokit.text import json_text, printable
@@ -44,6 +45,7 @@ class Difference:
         length: of that curve.
         cause: box of the region in which the solids differ and the feature arises, such as the gap of a broken loop;
             None where the feature as a whole is that region, or none was found.
+        place: of the center in the truth's volume, by voxel and world coordinates; None for other shapes.
     """
 
     dimension: int
@@ -55,6 +57,7 @@ class Difference:
     loop: Floats | None = field(metadata={"json": False})
     length: float | None
     cause: Bounds | None
+    place: Place | None
 
     @property
     def center(self) -> Corner:
@@ -66,7 +69,8 @@ class Difference:
         sizes += [] if self.length is None else [f"loop of length {self.length:.3g}"]
         sizes += [] if self.volume is None else [f"volume {self.volume:.4g}"]
         scale = max(b - a for a, b in zip(*self.bounds, strict=True))
-        return f"{self.error} {self.kind} at {position(self.center, scale)}: {', '.join(sizes)}"
+        where = position(self.center, scale) if self.place is None else str(self.place)
+        return f"{self.error} {self.kind} at {where}: {', '.join(sizes)}"
 
 
 @dataclass(frozen=True)

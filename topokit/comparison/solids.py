@@ -11,7 +11,10 @@ from topokit.core.comparison.pair import SolidPair
 from topokit.core.comparison.places import Box, Found, Places
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.placement import Placement
+from topokit.core.loops import middle
 from topokit.errors import InputError
+from topokit.report.location import Place
 
 _KINDS: tuple[dict[tuple[int, str], Kind], dict[tuple[int, str], Kind]] = (
     {
@@ -41,6 +44,7 @@ def compare_solids(
     second: Booleans,
     grid: Grid | None = None,
     *,
+    placement: Placement | None = None,
     connectivity: int = DEFAULT_CONNECTIVITY,
     tolerance: float | None = None,
     names: tuple[str, str] = ("a", "b"),
@@ -53,6 +57,7 @@ def compare_solids(
         first: (X, Y, Z), whether a voxel is in the solid that is judged.
         second: (X, Y, Z), whether it is in the true one.
         grid: where the centers of the voxels are; of unit cells if None.
+        placement: of the voxels of the truth's file, of which the grid may be a box, or None.
         connectivity: 6 or 26, that of both solids.
         tolerance: as for `topokit.compare`.
         names: of both.
@@ -75,7 +80,9 @@ def compare_solids(
     def find() -> tuple[Difference, ...]:
         places = Places(pair, grid.spacing)
         searches = places.parts, lambda side: places.tunnels(side, _MOST_LOOPS), places.cavities
-        return tuple(_difference(one, grid) for search in searches for side in (1, 0) for one in search(side))
+        return tuple(
+            _difference(one, grid, placement) for search in searches for side in (1, 0) for one in search(side)
+        )
 
     def agree() -> Agreement:
         near = max(grid.spacing) if tolerance is None else tolerance
@@ -85,18 +92,20 @@ def compare_solids(
     return Comparison(names, pair.connectivity, resolution, *betti, notes, find, agree)
 
 
-def _difference(found: Found, grid: Grid) -> Difference:
+def _difference(found: Found, grid: Grid, placement: Placement | None) -> Difference:
     loop = None if found.loop is None else found.loop * grid.spacing + grid.origin
+    bounds, cause = _bounds(found.box, grid), None if found.cause is None else _bounds(found.cause, grid)
     return Difference(
         dimension=found.dimension,
         error="missing" if found.side else "spurious",
         kind=_KINDS[found.side][found.dimension, found.how],
-        bounds=_bounds(found.box, grid),
+        bounds=bounds,
         volume=None if found.n_voxels is None else float(found.n_voxels * np.prod(grid.spacing)),
         width=found.width,
         loop=loop,
         length=None if loop is None else float(np.linalg.norm(np.roll(loop, -1, 0) - loop, axis=1).sum()),
-        cause=None if found.cause is None else _bounds(found.cause, grid),
+        cause=cause,
+        place=Place.of(middle(cause or bounds), placement),
     )
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from topokit.core.grid.placement import Placement
 from topokit.core.scale.features import Feature, SolidFeatures
 from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.report.location import Place
 from topokit.report.wording import plural, position
 
 _MOST_TOLD = 10  # features that the text lists one by one
@@ -15,10 +17,13 @@ _OTHERWISE = {"thin": "is not there", "narrow": "is closed", "small": "is filled
 _WIDTH, _HEIGHT = 420, 120  # of the picture, in pixels
 
 
-def feature_lines(found: SolidFeatures | None, doubts: Sequence[NarrowPlace] | None) -> tuple[str, ...]:
+def feature_lines(
+    found: SolidFeatures | None, doubts: Sequence[NarrowPlace] | None, placement: Placement | None
+) -> tuple[str, ...]:
     """What the text of a report says: how many features there are from the narrowest width on, then one by one, and
     the places where the answer may be wrong."""
-    return (*(_feature_lines(found) if found is not None else ()), *(_doubt_lines(doubts) if doubts else ()))
+    features = () if found is None else _feature_lines(found, placement)
+    return (*features, *(_doubt_lines(doubts) if doubts else ()))
 
 
 def _doubt_lines(doubts: Sequence[NarrowPlace]) -> Iterator[str]:
@@ -34,7 +39,7 @@ def _doubt_lines(doubts: Sequence[NarrowPlace]) -> Iterator[str]:
         yield f"{plural(len(doubts) - _MOST_DOUBTS, 'more place')}, up to {doubts[-1].width:.3g} wide."
 
 
-def _feature_lines(found: SolidFeatures) -> tuple[str, ...]:
+def _feature_lines(found: SolidFeatures, placement: Placement | None) -> tuple[str, ...]:
     counts = found.above(found.finest)
     solid = f"{plural(counts.pieces, 'part')}, {plural(counts.tunnels, 'tunnel')}, "
     solid += plural(counts.cavities, "cavity", "cavities")
@@ -43,20 +48,18 @@ def _feature_lines(found: SolidFeatures) -> tuple[str, ...]:
     more = [f"{plural(len(many), 'more feature')}, up to {many[-1].width:.3g} wide."] if many else []
     return (
         f"At least {found.finest:.3g} wide: {solid} (χ {counts.euler}{rest}).",
-        *map(_line, found.features[:_MOST_TOLD]),
+        *(_line(one, placement) for one in found.features[:_MOST_TOLD]),
         *more,
     )
 
 
-def _line(one: Feature) -> str:
+def _line(one: Feature, placement: Placement | None) -> str:
+    where = Place.of(one.place, placement) or position(one.place, one.width)
     if one.kind == "part":
         gap = "" if one.opening == float("inf") else f", {one.opening:.3g} from the next"
-        return f"Part: {one.thickness:.3g} thick{gap}, at {position(one.place, one.thickness)}."
+        return f"Part: {one.thickness:.3g} thick{gap}, at {where}."
     what = "handle" if one.kind == "tunnel" else "wall"
-    return (
-        f"{one.kind.capitalize()}: {one.opening:.3g} wide, its {what} {one.thickness:.3g} thick, at "
-        f"{position(one.place, one.width)}."
-    )
+    return f"{one.kind.capitalize()}: {one.opening:.3g} wide, its {what} {one.thickness:.3g} thick, at {where}."
 
 
 @dataclass(frozen=True)

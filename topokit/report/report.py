@@ -246,7 +246,7 @@ class TopologyReport:
         if n_shown < n_reasons:
             more = plural(n_reasons - n_shown, "more reason")
             lines.append(f"  … {more}: report.text(full=True), or topokit report -v")
-        lines += [f"  - {line}" for line in feature_lines(self.features, self.doubts)]
+        lines += [f"  - {line}" for line in feature_lines(self.features, self.doubts, self.placement)]
         lines += [f"  - {place}" for place in (() if self.location is None else self.location.lines())]
         return "\n".join(map(printable, lines))
 

@@ -60,7 +60,10 @@ def compare(
             )
         one, two = ((values > level).cpu().numpy() for values, level in (mine.gray_values(), theirs.gray_values()))
         connectivity = connectivity or mine.connectivity
-        return compare_solids(one, two, mine.grid, connectivity=connectivity, tolerance=tolerance, names=names)
+        placement = None if other.counted is None else other.counted.placement
+        return compare_solids(
+            one, two, mine.grid, placement=placement, connectivity=connectivity, tolerance=tolerance, names=names
+        )
     if not resolution >= 2:
         raise InputError(f"resolution is {resolution!r}; a number of cells, at least 2, was expected.")
     surfaces = closed_surface(shape), closed_surface(other)

@@ -13,6 +13,7 @@ from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice, 
 from topokit.adapters.voxels.counting import Solid
 from topokit.core.arrays import Booleans
 from topokit.core.grid.grid import Grid, Spacing
+from topokit.core.grid.placement import Placement
 
 
 class OpenedVolume(NamedTuple):
@@ -21,12 +22,17 @@ class OpenedVolume(NamedTuple):
     Attributes:
         name: what to call it.
         values: (X, Y, Z).
-        grid: where the centers of its voxels are.
+        placement: where its voxels are.
     """
 
     name: str
     values: Tensor
-    grid: Grid
+    placement: Placement
+
+    @property
+    def grid(self) -> Grid:
+        """The centers of the voxels, in the coordinates of the shape."""
+        return self.placement.grid(self.values.shape)
 
 
 def opened_volume(
@@ -36,7 +42,7 @@ def opened_volume(
 ) -> OpenedVolume:
     """The values of a volume, whose arguments and errors are those of `from_voxels`."""
     name, values, found = open_volume(volume, dataset)
-    return OpenedVolume(name, values.detach().cpu(), placed(found, spacing, (0.0, 0.0, 0.0)).grid(values.shape))
+    return OpenedVolume(name, values.detach().cpu(), placed(found, spacing, (0.0, 0.0, 0.0)))
 
 
 def mask_of(values: Tensor, level: float | None, label: float | tuple[float, ...] | None) -> Booleans:

@@ -35,7 +35,7 @@ def test_two_files_in_words(folders) -> None:
     found = run(folders / "pred" / "filled.npy", folders / "truth" / "filled.npy")
     assert found.exit_code == 0
     assert found.stdout.startswith("filled.npy against filled.npy: parts 1 matched, 0 missing, 0 spurious; tunnels 0 ")
-    assert "  - missing filled tunnel at (4.000, 4.000, 1.500)" in found.stdout
+    assert "  - missing filled tunnel at voxel (4, 4, 2)" in found.stdout
 
 
 def test_folders_as_csv_and_json_with_a_condition(folders) -> None:

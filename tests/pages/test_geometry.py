@@ -29,6 +29,9 @@ def unpack(packed: bytes) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     return header, arrays
 
 
+LEGEND = ("distance", "near", "", "far")
+
+
 def places(header: dict[str, Any], steps: NDArray[Any]) -> NDArray[np.float64]:
     return np.array(header["low"]) + steps.reshape(-1, 3) / 65535 * header["size"]
 
@@ -64,7 +67,7 @@ def test_unknown_curvature_and_large_indices_have_their_own_codes() -> None:
     many = np.random.default_rng(0).random((70_000, 3))
     faces = np.array([[0, 1, 69_999]])
     values = np.where(np.arange(70_000) == 1, np.nan, -5.0)
-    _, arrays = unpack(pack(Scene(many, many[:0], values, 1.0, faces)))
+    _, arrays = unpack(pack(Scene(many, many[:0], values, 1.0, faces, LEGEND)))
     assert arrays["faces"].tolist() == [0, 1, 69_999]
     assert arrays["values"][:3].tolist() == [-127, -128, -127]
 
@@ -72,5 +75,5 @@ def test_unknown_curvature_and_large_indices_have_their_own_codes() -> None:
 @pytest.mark.parametrize("spread", [0.0, 1e-300, 1e200])
 def test_any_extent_can_be_packed(spread: float) -> None:
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]) * spread
-    header, arrays = unpack(pack(Scene(points, points, np.zeros(3), 1.0, None)))
+    header, arrays = unpack(pack(Scene(points, points, np.zeros(3), 1.0, None, LEGEND)))
     np.testing.assert_allclose(places(header, arrays["positions"]), points, rtol=1e-4)

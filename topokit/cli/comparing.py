@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -20,6 +21,7 @@ from topokit.text import json_text, printable
 
 if TYPE_CHECKING:
     from topokit.comparison.result import Comparison
+    from topokit.pages.document import Entry
 
 _NUMBERS = tuple(
     f"{kind}{k}"
@@ -44,6 +46,7 @@ def compare(
     connectivity: Annotated[int | None, typer.Option(help="6 or 26, of both; the default of volumes is 6.")] = None,
     tolerance: Annotated[float | None, typer.Option(help="Distance of surfaces that counts as none.")] = None,
     resolution: Annotated[int, typer.Option(min=2, help="All but volumes: cells of the common grid.")] = 128,
+    html: Annotated[Path | None, typer.Option(help="Write a page with a 3D view of every comparison.")] = None,
     fail_on: Annotated[list[str] | None, typer.Option(metavar="CONDITION", help=_FAIL_ON)] = None,
 ) -> None:
     """Which parts (0), tunnels (1) and cavities (2) match the truth, which are missing or spurious, and where."""
@@ -59,27 +62,86 @@ def compare(
     elif level is not None or label is not None:
         raise typer.BadParameter("--labels goes without --level and --label.")
     options = {name: value for name, value in options.items() if value is not None}
-    table, has_failed = CsvWriter(sys.stdout, COLUMNS) if as_csv else None, False
-    for name, found, number in _compared(prediction, truth, labels, options):
-        if isinstance(found, str):
-            row: dict[str, Any] = dict.fromkeys(COLUMNS) | {"file": name, "error": found}
-        else:
-            row = _row(name, found, number, with_dice=as_csv)
-        if table is not None:
-            table.write(Answer(row))
-        elif as_json:
-            named = {"file": name_as_data(name)} | ({} if number is None else {"label": number})
-            print(json_text(named | ({"error": found} if isinstance(found, str) else found.to_dict())), flush=True)
-        elif not isinstance(found, str):
-            print(found.text(), flush=True)
-        has_failed |= _is_failure(row, conditions)
+    show = _table() if as_csv else _records if as_json else _text
+    has_failed = False
+
+    def rows() -> Iterator[Entry]:
+        nonlocal has_failed
+        for one in _compared(prediction, truth, labels, options):
+            row = one.row(with_dice=as_csv)
+            show(one, row)
+            has_failed |= _is_failure(row, conditions)
+            if html is not None:
+                yield one.entry()
+
+    if html is None:
+        deque(rows(), maxlen=0)
+    else:
+        from topokit.comparison.page import COLUMNS as OF_PAGE
+        from topokit.pages.document import write_html
+
+        try:
+            write_html(rows(), html, title=f"{prediction.name} against {truth.name}", columns=OF_PAGE)
+        except InputError as error:  # about the name of the page, before anything is compared
+            raise typer.BadParameter(f"--html: {error}") from error
     raise typer.Exit(int(has_failed))
 
 
-def _compared(
-    prediction: Path, truth: Path, labels: str | None, options: dict[str, Any]
-) -> Iterator[tuple[str, Comparison | str, int | None]]:
-    """Name, comparison or error, and label of every pair."""
+class _Pair(NamedTuple):
+    """Two files or labels that were compared.
+
+    Attributes:
+        name: of both.
+        found: the comparison, or why there is none.
+        label: of the voxels, if one after the other was compared.
+    """
+
+    name: str
+    found: Comparison | str
+    label: int | None = None
+
+    @property
+    def title(self) -> str:
+        """What to call it."""
+        return printable(self.name) + ("" if self.label is None else f", label {self.label}")
+
+    def row(self, *, with_dice: bool) -> dict[str, Any]:
+        """Its values by `COLUMNS`."""
+        if isinstance(self.found, str):
+            return dict.fromkeys(COLUMNS) | {"file": self.name, "label": self.label, "error": self.found}
+        numbers = {column: getattr(self.found, column[:-1])[int(column[-1])] for column in _NUMBERS}
+        dice = round(self.found.agreement.dice, 6) if with_dice else None
+        return {"file": self.name, "label": self.label, **numbers, "dice": dice, "error": None}
+
+    def entry(self) -> Entry:
+        """Its row in a page."""
+        from topokit.comparison.page import entry_of
+        from topokit.pages.document import Entry
+
+        return Entry(self.title, None, self.found) if isinstance(self.found, str) else entry_of(self.found, self.title)
+
+
+Show = Callable[[_Pair, dict[str, Any]], None]
+
+
+def _table() -> Show:
+    writer = CsvWriter(sys.stdout, COLUMNS)
+    return lambda one, row: writer.write(Answer(row))
+
+
+def _records(one: _Pair, row: dict[str, Any]) -> None:
+    named = {"file": name_as_data(one.name)} | ({} if one.label is None else {"label": one.label})
+    found = {"error": one.found} if isinstance(one.found, str) else one.found.to_dict()
+    print(json_text(named | found), flush=True)
+
+
+def _text(one: _Pair, row: dict[str, Any]) -> None:
+    if not isinstance(one.found, str):
+        print(one.found.text(), flush=True)
+
+
+def _compared(prediction: Path, truth: Path, labels: str | None, options: dict[str, Any]) -> Iterator[_Pair]:
+    """Every pair of files or labels."""
     from topokit.pairs import compare as compared
     from topokit.pairs import compare_labels, matched_files
 
@@ -93,26 +155,20 @@ def _compared(
     wanted: Any = labels if labels in (None, "all") else _numbers(labels)
     for name, one, other in pairs:
         if one is None or other is None:
-            yield name, f"{prediction if one is None else truth} has no file of this name.", None
+            yield _Pair(name, f"{prediction if one is None else truth} has no file of this name.")
             continue
         try:
             if labels is None:
-                yield name, compared(one, other, **options), None
+                yield _Pair(name, compared(one, other, **options))
             else:
                 for number, found in compare_labels(one, other, wanted, **options).items():
-                    yield name, found, number
+                    yield _Pair(name, found, number)
         except TopokitError as error:
-            yield name, error.worded(_flag), None
+            yield _Pair(name, error.worded(_flag))
 
 
 def _flag(option: Option) -> str:
     return f"--{option.name} {option.value or ''}".rstrip()
-
-
-def _row(name: str, found: Comparison, number: int | None, *, with_dice: bool) -> dict[str, Any]:
-    numbers = {column: getattr(found, column[:-1])[int(column[-1])] for column in _NUMBERS}
-    dice = round(found.agreement.dice, 6) if with_dice else None
-    return {"file": name, "label": number, **numbers, "dice": dice, "error": None}
 
 
 def _is_failure(row: dict[str, Any], conditions: list[Condition]) -> bool:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.comparison.agreement import Agreement
 from topokit.core.arrays import Floats
@@ -15,6 +15,9 @@ from topokit.report.location import Place
 from topokit.report.report import Betti, plain
 from topokit.report.wording import plural, position
 from topokit.text import json_text, printable
+
+if TYPE_CHECKING:
+    from topokit.comparison.solids import ComparedSolids
 
 Bounds = tuple[Corner, Corner]
 Spurious = Literal["extra part", "split part", "hole", "bridge", "bubble", "split cavity", "sealed cavity"]
@@ -89,6 +92,7 @@ class Comparison:
         betti_b: numbers of b.
         matched: how many both have in common.
         notes: sentences about what the numbers do not say, such as features that the common grid does not show.
+        solids: what was compared.
     """
 
     names: tuple[str, str]
@@ -98,8 +102,7 @@ class Comparison:
     betti_b: Betti
     matched: Betti
     notes: tuple[str, ...]
-    _find: Callable[[], tuple[Difference, ...]] = field(repr=False, compare=False, metadata={"json": False})
-    _agree: Callable[[], Agreement] = field(repr=False, compare=False, metadata={"json": False})
+    solids: ComparedSolids = field(repr=False, compare=False, metadata={"json": False})
 
     @property
     def betti_error(self) -> Betti:
@@ -130,6 +133,11 @@ class Comparison:
         """Whether nothing is missing and nothing is spurious."""
         return not any(self.betti_matching_error)
 
+    @property
+    def title(self) -> str:
+        """What was compared with what."""
+        return f"{self.names[0]} against {self.names[1]}"
+
     def with_notes(self, notes: tuple[str, ...]) -> Comparison:
         """The comparison with other notes."""
         return replace(self, notes=notes)
@@ -140,12 +148,12 @@ class Comparison:
 
         Of the tunnels of one kind at most 100 are located, those with short loops first.
         """
-        return self._find()
+        return self.solids.differences()
 
     @cached_property
     def agreement(self) -> Agreement:
         """Overlap and surface distance, which say nothing about topology."""
-        return self._agree()
+        return self.solids.agreement()
 
     def to_dict(self, *, places: bool = True) -> dict[str, Any]:
         """Plain dictionaries, lists, numbers and strings, ready for JSON.
@@ -174,13 +182,27 @@ class Comparison:
         Args:
             places: whether to look for the features.
         """
-        lines = [f"{self.names[0]} against {self.names[1]}: {'; '.join(self._counts())}"]
+        lines = [f"{self.title}: {'; '.join(self._counts())}"]
         lines += [f"  - {note}" for note in (self.notes if places else ())]
         found = self.features if places and not self.is_same else ()
         lines += [f"  - {one}" for one in found[:_MOST_LINES]]
         if len(found) > _MOST_LINES:
             lines.append(f"  … {plural(len(found) - _MOST_LINES, 'more feature')}: comparison.features")
         return "\n".join(map(printable, lines))
+
+    def save_html(self, path: str | os.PathLike[str]) -> None:
+        """Write a page: both solids in one 3D view, colored by which of them a place belongs to, and every feature.
+
+        Args:
+            path: file to write, called .html or .htm.
+
+        Raises:
+            InputError: if the file is not called so, or its folder does not exist.
+        """
+        from topokit.comparison.page import COLUMNS, entry_of
+        from topokit.pages.document import write_html
+
+        write_html([entry_of(self, self.title)], path, title=self.title, columns=COLUMNS)
 
     def __str__(self) -> str:
         return self.text(places=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from topokit.comparison.agreement import Agreement, agreement
@@ -74,22 +76,44 @@ def compare_solids(
         )
     x, y, z = first.shape
     grid = Grid((x, y, z)) if grid is None else grid
-    pair = SolidPair(first, second, connectivity)
-    numbers = pair.numbers
+    solids = ComparedSolids(
+        SolidPair(first, second, connectivity), grid, placement, max(grid.spacing) if tolerance is None else tolerance
+    )
+    numbers = solids.pair.numbers
+    betti = numbers.first, numbers.second, numbers.matched
+    return Comparison(names, solids.pair.connectivity, resolution, *betti, notes, solids)
 
-    def find() -> tuple[Difference, ...]:
-        places = Places(pair, grid.spacing)
+
+@dataclass(frozen=True, eq=False)
+class ComparedSolids:
+    """Two solids, from which a comparison takes what costs more than the numbers.
+
+    Attributes:
+        pair: the solids.
+        grid: where the centers of the voxels are.
+        placement: as for `compare_solids`.
+        tolerance: distance of surfaces that counts as none.
+    """
+
+    pair: SolidPair
+    grid: Grid
+    placement: Placement | None
+    tolerance: float
+
+    def differences(self) -> tuple[Difference, ...]:
+        """What only one of them has, with its places."""
+        places = Places(self.pair, self.grid.spacing)
         searches = places.parts, lambda side: places.tunnels(side, _MOST_LOOPS), places.cavities
         return tuple(
-            _difference(one, grid, placement) for search in searches for side in (1, 0) for one in search(side)
+            _difference(one, self.grid, self.placement)
+            for search in searches
+            for side in (1, 0)
+            for one in search(side)
         )
 
-    def agree() -> Agreement:
-        near = max(grid.spacing) if tolerance is None else tolerance
-        return agreement(pair.first, pair.second, pair.parts.labels, grid.spacing, near)
-
-    betti = numbers.first, numbers.second, numbers.matched
-    return Comparison(names, pair.connectivity, resolution, *betti, notes, find, agree)
+    def agreement(self) -> Agreement:
+        """Overlap and surface distance."""
+        return agreement(self.pair.first, self.pair.second, self.pair.parts.labels, self.grid.spacing, self.tolerance)
 
 
 def _difference(found: Found, grid: Grid, placement: Placement | None) -> Difference:

@@ -17,7 +17,10 @@ from topokit.export.surfels import Surfels, disc_surfels, mesh_surfels, render, 
 Eye = tuple[float, float, float]
 EYE: Eye = (0.9, -1.3, 1.0)
 MARK_COLORS: Mapping[MarkKind, tuple[int, int, int]] = MappingProxyType(
-    {"handle": (214, 96, 0), "tunnel": (0, 120, 80), "boundary": (120, 60, 160), "defect": (200, 0, 60)}
+    {
+        **{"handle": (214, 96, 0), "tunnel": (0, 120, 80), "boundary": (120, 60, 160), "defect": (200, 0, 60)},
+        **{"missing": (33, 102, 172), "spurious": (178, 24, 43)},
+    }
 )
 _FINE = 2  # rendered pixels along a pixel of the picture
 _PER_PIXEL = 10  # surfels of a surface for every pixel of the picture, so that few gaps show

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from topokit.report.location import Location
     from topokit.shape import Shape
 
-MarkKind = Literal["handle", "tunnel", "boundary", "defect"]
+MarkKind = Literal["handle", "tunnel", "boundary", "defect", "missing", "spurious"]
 MarkForm = Literal["loop", "curve", "dots"]
 
 MOST_MARKS = 300  # of each kind in a scene, in the order of the report; a scan can have thousands
@@ -67,9 +68,10 @@ class Scene:
     Attributes:
         positions: (N, 3), vertices or points.
         normals: (N, 3), unit; of points only, for a surface they follow from the faces.
-        values: (N,) Gaussian curvature; NaN where it is unknown.
-        limit: curvature at which the colors end.
+        values: (N,) what colors show, such as Gaussian curvature; NaN where it is unknown.
+        limit: value at which the colors end.
         faces: (F, 3), or None for points.
+        legend: what the colors show, and the words for their lower end, middle and upper end.
         marks: what is marked.
         note: how the view differs from the shape, or None.
     """
@@ -79,6 +81,7 @@ class Scene:
     values: Floats
     limit: float
     faces: Integers | None
+    legend: tuple[str, str, str, str]
     marks: tuple[Mark, ...] = ()
     note: str | None = None
 
@@ -127,7 +130,7 @@ def scene_of(shape: Shape, marks: tuple[Mark, ...] = (), *, max_faces: int, max_
     positions, faces = _subdivided(positions, faces, max_faces)
     note = " ".join(filter(None, (notes, note))) or None
     shown = interpolate(points, np.clip(values, -limit, limit), positions, _SMOOTHING)
-    return Scene(positions, np.zeros((0, 3)), shown, limit, faces, marks, note)
+    return Scene(positions, np.zeros((0, 3)), shown, limit, faces, _curvature_legend(limit), marks, note)
 
 
 def simplified(positions: Floats, faces: Integers, max_faces: int) -> tuple[Floats, Integers, str | None]:
@@ -174,7 +177,7 @@ def _points_scene(
         note = f"{max_points} of {len(points)} points are shown."
         drawn = np.random.default_rng(0).choice(len(points), max_points, replace=False)
         points, normals, shown = points[drawn], normals[drawn], shown[drawn]
-    return Scene(points, normals, shown, limit, None, marks, note)
+    return Scene(points, normals, shown, limit, None, _curvature_legend(limit), marks, note)
 
 
 def _mesh(shape: Shape) -> tuple[Floats, Integers, str | None] | None:
@@ -184,11 +187,16 @@ def _mesh(shape: Shape) -> tuple[Floats, Integers, str | None] | None:
     return None if shape.field is None else _level_set(shape.field)
 
 
+def view_step(shape: Sequence[int]) -> int:
+    """Steps of a grid (X, Y, Z) that a view takes at once: one, but two or more of a large one."""
+    return -(-max(shape) // _GRID)
+
+
 def _level_set(field: Field) -> tuple[Floats, Integers, str | None] | None:
     """The level set of a field as a mesh, closed where the grid ends; large fields lose every second vertex or more."""
     from skimage.measure import marching_cubes
 
-    step = -(-max(field.grid.shape) // _GRID)
+    step = view_step(field.grid.shape)
     thinned = field.detached()[::step, ::step, ::step].cpu().double()
     values = at_moderate_size(thinned.nan_to_num()).float().numpy()
     padded = np.pad(values, 1, constant_values=min(-1e-6, float(values.min())))
@@ -204,6 +212,11 @@ def _level_set(field: Field) -> tuple[Floats, Integers, str | None] | None:
 def _color_limit(values: Floats) -> float:
     """95th percentile of the absolute value, so that single peaks do not wash out the rest; 1 for a flat surface."""
     return float(np.quantile(np.abs(values), 0.95)) or 1.0
+
+
+def _curvature_legend(limit: float) -> tuple[str, str, str, str]:
+    end = f"{float(f'{limit:.2g}'):g}"
+    return "Gaussian curvature", f"−{end}", "0", end
 
 
 def _numpy(tensor: Tensor) -> Floats:

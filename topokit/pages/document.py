@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -18,6 +18,13 @@ from topokit.pages.fragment import PAGES, Fragment
 from topokit.report.report import environment, report_styles
 
 _MOST_SCENES = 200_000_000  # bytes of base64 in one page; browsers get slow beyond. Later shapes have a picture only
+
+SHAPE_COLUMNS = (
+    *(("verdict", "verdict"), ("euler", "χ"), ("genus", "genus"), ("components", "components")),
+    *(("boundary_loops", "boundary"), ("closed", "closed"), ("pieces", "pieces"), ("tunnels", "tunnels")),
+    *(("cavities", "cavities"), ("seconds", "seconds"), ("reason", "reason")),
+)
+"""Key and heading of the columns of a table of shapes."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,13 @@ class Entry:
     seconds: float | None = None
 
 
-def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title: str | None = None) -> None:
+def write_html(
+    entries: Iterable[Entry],
+    path: str | os.PathLike[str],
+    *,
+    title: str | None = None,
+    columns: Sequence[tuple[str, str]] = SHAPE_COLUMNS,
+) -> None:
     """Write a page with a table of shapes that open in a 3D view; a single shape is shown at once.
 
     The page needs no other file and no network. Entries are written as they come, so memory does not grow with their
@@ -47,6 +60,7 @@ def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title:
         entries: one per shape or file, in the order of the table.
         path: file to write, called .html or .htm.
         title: heading of the page; the file's name by default.
+        columns: key among the facts and heading of each column. "verdict", "seconds" and "reason" are known to all.
 
     Raises:
         InputError: if the file is not called .html or .htm, or its folder does not exist.
@@ -57,21 +71,23 @@ def write_html(entries: Iterable[Entry], path: str | os.PathLike[str], *, title:
     if not target.parent.is_dir():
         raise InputError(f"{target}: the folder {target.parent} does not exist.")
     with completed_file(target) as unfinished, unfinished.open("w", encoding="utf-8", newline="\n") as page:
-        page.writelines(_page(iter(entries), title or target.stem))
+        page.writelines(_page(iter(entries), title or target.stem, columns))
 
 
 def page_text(entry: Entry, title: str | None = None) -> str:
     """The page of a single shape as text."""
-    return "".join(_page(iter((entry,)), title or entry.name))
+    return "".join(_page(iter((entry,)), title or entry.name, SHAPE_COLUMNS))
 
 
-def _page(entries: Iterator[Entry], title: str) -> Iterator[str]:
+def _page(entries: Iterator[Entry], title: str, columns: Sequence[tuple[str, str]]) -> Iterator[str]:
     """The pieces of a page."""
     script = _static("viewer.min.js")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     style = report_styles() + _static("page.css")
     template = environment(PAGES).get_template("page.html")
-    return template.generate(title=title, style=style, script=script, digest=digest, rows=_rows(entries))
+    return template.generate(
+        title=title, style=style, script=script, digest=digest, columns=columns, rows=_rows(entries)
+    )
 
 
 def _rows(entries: Iterator[Entry]) -> Iterator[dict[str, Any]]:

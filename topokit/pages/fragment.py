@@ -36,7 +36,7 @@ class Fragment:
     """One shape of a page: picklable, without tensors.
 
     Attributes:
-        facts: its row in the table of a folder: numbers as in the report, and the reason that decided the verdict.
+        facts: its row in the table of a folder, by the keys of the columns; None is an empty cell.
         details: verdict, reasons, evidence, places and components as escaped HTML.
         thumbnail: a square WebP picture, or None if the shape cannot be drawn.
         scene: geometry for the 3D view, see `pack`; None if the shape cannot be drawn.
@@ -82,8 +82,9 @@ def page_of(
 
 
 def _facts(report: TopologyReport) -> dict[str, Any]:
-    names = ("verdict", "euler", "genus", "components", "boundary_loops", "closed", "pieces", "tunnels", "cavities")
-    return {name: getattr(report, name) for name in names} | {"reason": "".join(report.reasons[:1])}
+    names = ("verdict", "euler", "genus", "components", "boundary_loops", "pieces", "tunnels", "cavities")
+    facts = {name: getattr(report, name) for name in names}
+    return facts | {"closed": "yes" if report.closed else "no", "reason": "".join(report.reasons[:1])}
 
 
 def _details(report: TopologyReport, marks: tuple[Mark, ...], note: str | None) -> str:
@@ -104,9 +105,9 @@ def webp(picture: NDArray[np.uint8]) -> bytes:
 def pack(scene: Scene) -> bytes:
     """A scene in gzip: length of the header (4 bytes), the header as JSON, then arrays, each from a multiple of 4.
 
-    The header holds the lowest corner and the size of the box, the limit of the colors, the marks, and for each array
-    its name, type and number of values. Coordinates are 16-bit steps of the box; curvatures are bytes, ±127 at the
-    limits. All numbers are little-endian.
+    The header holds the lowest corner and the size of the box, the limit and the legend of the colors, the marks, and
+    for each array its name, type and number of values. Coordinates are 16-bit steps of the box; values of colors are
+    bytes, ±127 at the limits. All numbers are little-endian.
     """
     every = np.concatenate((scene.positions, *(mark.points for mark in scene.marks)))
     low, high = every.min(axis=0), every.max(axis=0)
@@ -125,6 +126,7 @@ def pack(scene: Scene) -> bytes:
         "low": low.tolist(),
         "size": size,
         "limit": scene.limit,
+        "legend": scene.legend,
         "marks": [{"kind": mark.kind, "form": mark.form, "points": len(mark.points)} for mark in scene.marks],
         "arrays": [[name, values.dtype.str[1:], values.size] for name, values in arrays.items()],
     }

@@ -5,7 +5,9 @@ import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 
 const STEPS = 65535;
-export const COLORS = { handle: 0xd66000, tunnel: 0x007850, boundary: 0x783ca0, defect: 0xc8003c };
+export const COLORS = {
+  handle: 0xd66000, tunnel: 0x007850, boundary: 0x783ca0, defect: 0xc8003c, missing: 0x2166ac, spurious: 0xb2182b,
+};
 
 export class Marks {
   constructor(scene, world) {

@@ -1,8 +1,8 @@
 // The table of shapes: sorted by a click on a heading, filtered by words, comparisons and verdicts.
-const VERDICTS = ["certain", "likely", "unsure", "failed"];
+const VERDICTS = ["certain", "likely", "unsure", "same", "different", "failed"];
 const HEADINGS = [...document.querySelectorAll("#shapes th[data-key]")];
 const COLUMNS = Object.fromEntries(HEADINGS.map((heading) => [heading.dataset.key, heading.cellIndex]));
-const NAMES = { "χ": "euler", chi: "euler", loops: "boundary" };
+const NAMES = { "χ": "euler", chi: "euler", loops: "boundary_loops", boundary: "boundary_loops" };
 const COMPARISON = /^([\wχ]+)(<=|>=|!=|=|<|>)(.+)$/;
 
 export class Table {

@@ -1,4 +1,4 @@
-// A scene as topokit/pages/geometry.py packs it.
+// A scene as topokit/pages/fragment.py packs it.
 const TYPES = { u1: Uint8Array, i1: Int8Array, u2: Uint16Array, u4: Uint32Array };
 
 export async function unpack(base64) {

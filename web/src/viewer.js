@@ -46,7 +46,7 @@ export class Viewer {
       return button;
     };
     this.glass = add("See through", "Make the surface transparent", () => this.setTransparent(!this.isTransparent));
-    add("Colors", "Curvature as color, or gray", (button) => {
+    add("Colors", "Colors, or gray", (button) => {
       button.ariaPressed = String(this.body?.toggleColors() ?? false);
       this.draw();
     });
@@ -72,21 +72,20 @@ export class Viewer {
     this.scene = scene;
     this.body = new Body(scene, this.world);
     this.marks = new Marks(scene, this.world);
-    this.showLegend(scene.limit);
+    this.showLegend(scene.legend);
     this.setTransparent(false);
     this.resize();
     this.home();
   }
 
-  showLegend(limit) {
+  showLegend([title, ...words]) {
     const text = (value) => Object.assign(document.createElement("span"), { textContent: value });
     const ends = document.createElement("div");
     ends.className = "ends";
-    const end = String(Number(limit.toPrecision(2)));
-    ends.append(text(`−${end}`), text("0"), text(end));
+    ends.append(...words.map(text));
     const scale = document.createElement("div");
     scale.className = "scale";
-    this.legend.replaceChildren(text("Gaussian curvature"), scale, ends);
+    this.legend.replaceChildren(text(title), scale, ends);
   }
 
   home() {

@@ -1,4 +1,4 @@
-"""Train a network to a torus and prove its topology, which no grid can.
+"""Train a network to a torus until its topology is proven, which no grid can.
 
 python examples/certify_network.py
 """
@@ -23,15 +23,17 @@ def main() -> None:
     hidden = [layer for _ in range(2) for layer in (nn.Linear(32, 32), nn.ReLU())]
     net = nn.Sequential(nn.Linear(3, 32), nn.ReLU(), *hidden, nn.Linear(32, 1))
     optimizer = torch.optim.Adam(net.parameters(), lr=5e-3)
-    for _ in range(1500):
+    monitor = tk.TopologyMonitor(tk.TopologyLoss(genus=1), every=100, certify=60)
+    for step in range(3000):
         points = 2 * torch.rand(1024, 3) - 1
         loss = (net(points)[:, 0] - torus(points)).abs().mean()
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    shape = tk.from_sdf(net, bounds=(-1, 1))
-    print(shape.certify(time_limit=60))
-    report = shape.report(certify=True)
+        if step >= 1000 and monitor(step, tk.from_sdf(net, bounds=(-1, 1))):
+            break
+    print(f"step {step}: {monitor.certificate}")
+    report = tk.from_sdf(net, bounds=(-1, 1)).report(certify=True)
     print(report)
     assert (report.verdict, report.genus) == ("certain", 1)
 

@@ -128,9 +128,29 @@ def test_settings_are_those_of_the_loss_unless_given() -> None:
     assert counted_euler(diagonal, tk.EulerLoss(2.0, connectivity=6)) == 6
 
 
+def test_a_proof_decides_whether_training_may_stop() -> None:
+    """A floating part that is too small for the grid of the monitor is no obstacle for its count, but for the proof."""
+
+    def sphere(points: Tensor) -> Tensor:
+        return points.norm(dim=1) - 0.5
+
+    def with_speck(points: Tensor) -> Tensor:
+        speck = (points - torch.tensor([0.71, 0.71, 0.71], dtype=points.dtype)).norm(dim=1) - 0.02
+        return torch.minimum(sphere(points), speck)
+
+    monitor = tk.TopologyMonitor(tk.TopologyLoss(genus=0), every=1, patience=2, certify=30.0)
+    shapes = [tk.from_sdf(one, bounds=(-1, 1), field_resolution=16) for one in (with_speck, sphere)]
+    assert [monitor(step, shapes[step > 3]) for step in range(6)] == [False] * 5 + [True]
+    assert {record.components for record in monitor.history} == {1}
+    assert (monitor.certificate.verdict, monitor.certificate.euler) == ("certain", 2)
+    with pytest.raises(InputError, match="from_sdf"):
+        tk.TopologyMonitor(tk.TopologyLoss(genus=0), every=1, patience=1, certify=1.0)(0, BALL)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"certify": 0}, "certify must be a positive number of seconds, not 0."),
         ({"every": 0}, "every must be an integer of at least 1, not 0."),
         ({"patience": 1.5}, "patience must be an integer of at least 1, not 1.5."),
         ({"connectivity": 18}, "connectivity must be one of (6, 26), not 18."),

@@ -15,6 +15,8 @@ from topokit.errors import InputError
 from topokit.losses.checks import check_count
 from topokit.losses.field_loss import CountedSolid, FieldLoss
 from topokit.losses.source import FieldSource, Source
+from topokit.report.certificate import Certificate
+from topokit.shape import Shape
 
 _log = logging.getLogger("topokit")
 
@@ -50,9 +52,12 @@ class TopologyMonitor:
         level: of a plain field; by default that of the loss, or 0.
         connectivity: 6 or 26, of a plain field and of samples; by default that of the loss, or 26.
         resolution: for shapes without a field; by default that of the loss, or 64.
+        certify: seconds for a proof by `Shape.certify`, once the count has met the goal `patience` times, of networks
+            and functions only. Training may stop when it proves the count; without a proof the counting starts anew.
 
     Attributes:
         history: one `TopologyRecord` per count.
+        certificate: of the last proof that was tried, or None.
 
     Raises:
         InputError: if an argument has a wrong type or value.
@@ -76,11 +81,14 @@ class TopologyMonitor:
         level: float | None = None,
         connectivity: int | None = None,
         resolution: int | None = None,
+        certify: float | None = None,
     ) -> None:
         if not isinstance(loss, FieldLoss | None):
             raise InputError(f"loss must be a TopologyLoss, an EulerLoss, another FieldLoss or None, not {loss!r}.")
         check_count("every", every, 1)
         check_count("patience", patience, 1)
+        if certify is not None and not certify > 0:
+            raise InputError(f"certify must be a positive number of seconds, not {certify!r}.")
         shared = loss.source if loss else FieldSource(0.0, DEFAULT_CONNECTIVITY, 64)
         self._source = FieldSource(
             shared.level if level is None else level,
@@ -90,11 +98,14 @@ class TopologyMonitor:
         self._loss = loss
         self._every = every
         self._patience = patience
+        self._certify = certify
         self._n_met = 0
+        self.certificate: Certificate | None = None
         self.history: list[TopologyRecord] = []
 
     def __call__(self, step: int, source: Source | Callable[[], Source]) -> bool:
-        """Count, if it is time; True when the goal has been met `patience` times in a row and training may stop.
+        """Count, if it is time; True when the goal has been met `patience` times in a row, and proven if that is asked
+        for: training may stop.
 
         Args:
             step: number of the training step.
@@ -102,13 +113,15 @@ class TopologyMonitor:
                 returns it, called only when it is time.
 
         Raises:
-            InputError: if the step is not an integer, or the source is a batch or none of these.
+            InputError: if the step is not an integer, the source is a batch or none of these, or it cannot be proven
+                and `certify` is given.
         """
         if not isinstance(step, Integral):
             raise InputError(f"the first argument is the number of the step, an integer; got {type(step).__name__}.")
         if step % self._every:
             return False
-        found = self._source(_call(source))
+        given = _call(source)
+        found = self._source(given)
         if len(found) != 1:
             raise InputError(f"a monitor watches one field; got a batch of {len(found)}. Use one monitor for each.")
         solid = CountedSolid.of(found[0].field)
@@ -116,7 +129,23 @@ class TopologyMonitor:
         self.history.append(record)
         _log.info("step %d: χ %d, components %d, tunnels %d, cavities %d", *asdict(record).values())
         self._n_met = self._n_met + 1 if self._loss is not None and self._loss.is_met(solid) else 0
-        return self._n_met >= self._patience
+        if self._n_met < self._patience:
+            return False
+        if self._certify is not None and not self._is_proven(given, solid, self._certify):
+            self._n_met = 0
+            return False
+        return True
+
+    def _is_proven(self, source: Source, solid: CountedSolid, seconds: float) -> bool:
+        """Whether bounds prove what was counted."""
+        if not isinstance(source, Shape):
+            raise InputError(f"certify= proves level sets of functions, tk.from_sdf(net); got {type(source).__name__}.")
+        self.certificate = proof = source.certify(seconds)
+        _log.info("proof: %s", proof)
+        if proof.verdict != "certain" or proof.components is None:
+            return False
+        components, _, cavities = solid.betti
+        return (proof.euler, len(proof.components)) == (solid.euler, components + cavities)
 
     def columns(self) -> dict[str, list[int]]:
         """The history as columns, to plot or to write."""

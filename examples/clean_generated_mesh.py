@@ -3,7 +3,7 @@
     python examples/clean_generated_mesh.py [PICTURE]
 
 The mesh is what generators of shapes give: the level set of a field, here a torus with noise. Its report counts twelve
-handles; their sizes say that eleven of them are noise. `simplify_topology` cuts or fills these, and counts the result.
+handles; their sizes say that eleven of them are noise. `simplify` cuts or fills these, and counts the result.
 Needs Pillow for the picture. Takes about 15 seconds.
 """
 
@@ -42,7 +42,7 @@ def main() -> None:
     sizes = [min(handle.handle_length, handle.tunnel_length) for handle in before.handles()]
     print("sizes of the handles:", ", ".join(f"{size:.2g}" for size in sizes))
 
-    after = tk.from_mesh(tk.simplify_topology(before, below=0.5)).replace(name="after")
+    after = before.simplify(below=0.15).replace(name="after")
     print(after.report(locate=True))
 
     pictures = [shape.picture(400, eye=EYE, locate=True) for shape in (before, after)]

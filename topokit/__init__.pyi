@@ -33,7 +33,7 @@ from .pairs import compare, compare_labels
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .questions import euler, genus, report
-from .repair import enforce, fill_boundaries, simplify_topology
+from .repair.enforce import enforce
 from .report.location import Location
 from .report.report import CountedAnswer, Evidence, TopologyReport
 from .shape import Shape
@@ -76,7 +76,6 @@ __all__ = [
     "euler",
     "euler_loss",
     "export",
-    "fill_boundaries",
     "from_labels",
     "from_mesh",
     "from_occupancy",
@@ -93,7 +92,6 @@ __all__ = [
     "refresh_adapters",
     "register_adapter",
     "report",
-    "simplify_topology",
     "survey",
     "testing",
     "topology_loss",

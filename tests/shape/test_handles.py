@@ -1,4 +1,4 @@
-"""`Shape.handles`, `simplify_topology` and `fill_boundaries` as users meet them."""
+"""`Shape.handles` and `fill_boundaries` as users meet them."""
 
 from __future__ import annotations
 
@@ -94,36 +94,20 @@ def test_without_handles_there_are_none() -> None:
     assert tk.from_mesh(*icosphere(2)).handles() == ()
 
 
-def test_simplify_topology_takes_files_pairs_and_shapes(tmp_path) -> None:
-    vertices, faces = genus_mesh(2, 16)
-    path = tmp_path / "bar.ply"
-    trimesh.Trimesh(vertices, faces, process=False).export(path)
-    for source in (path, (vertices, faces), tk.from_mesh(vertices, faces), trimesh.Trimesh(vertices, faces)):
-        assert tk.simplify_topology(source, below=3).euler_number == 2
-    assert tk.simplify_topology((vertices, faces), below=1).euler_number == -2
-
-
 def test_fill_boundaries_closes_a_mesh() -> None:
     vertices, faces = torus_mesh(30, 15)
     is_open = faces[np.linalg.norm(vertices[faces].mean(axis=1) - vertices[5], axis=1) > 0.25]
     shape = tk.from_mesh(vertices, is_open)
     assert shape.report().boundary_loops == 1
-    filled = tk.fill_boundaries(shape)
-    report = tk.from_mesh(filled).report()
+    report = shape.fill_boundaries().report()
     assert (report.euler, report.verdict) == (0, "certain")
     with pytest.raises(tk.InputError, match="closed"):
         shape.handles()
 
 
-@pytest.mark.parametrize("below", [0, -1, math.nan, "3", None])
-def test_lengths_must_be_positive(below: object) -> None:
-    with pytest.raises(tk.InputError, match="positive length"):
-        tk.simplify_topology(icosphere(1), below=below)
-
-
 def test_shapes_without_a_mesh_have_no_boundary_to_fill() -> None:
     with pytest.raises(tk.InputError, match="mesh"):
-        tk.fill_boundaries(tk.from_points(np.random.default_rng(0).normal(size=(100, 3))))
+        tk.from_points(np.random.default_rng(0).normal(size=(100, 3))).fill_boundaries()
 
 
 def test_points_and_functions_have_handles_where_they_have_a_surface() -> None:
@@ -144,7 +128,7 @@ def test_noise_on_a_real_mesh_is_removed_and_nothing_else(real_data: Path) -> No
     sizes = [handle.size for handle in handles]
     assert sizes == sorted(sizes)
     assert 10 * sizes[9] < sizes[10]
-    clean = tk.simplify_topology(noisy, below=2 * sizes[9])
-    report = tk.from_mesh(clean).report()
+    clean = noisy.simplify(below=sizes[9], components=False)
+    report = clean.report()
     assert (report.genus, report.verdict) == (1, "certain")
-    assert np.array_equal(np.asarray(clean.vertices)[: len(vertices)], vertices)
+    assert np.array_equal(clean.mesh[0].numpy()[: len(vertices)], vertices)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from topokit.batch.examine import report_row
 from topokit.errors import InputError, MissingDependencyError, TopokitError
-from topokit.inputs.writing import completed_file
 from topokit.plugins.registry import load
 
 if TYPE_CHECKING:
@@ -105,7 +104,7 @@ def mend(path: str, output: str, fill: bool = True, below: float | None = None) 
         path: of a mesh.
         output: file to write, which must not exist: .stl, .ply, .obj, .off or .glb.
         fill: whether to close every boundary loop by a fan of triangles.
-        below: remove all handles of which one loop is shorter than this, in units of the file; None keeps all.
+        below: remove handles and tunnels narrower than this, in units of the file; None keeps all.
 
     Returns:
         The numbers before and after, and the file.
@@ -115,11 +114,10 @@ def mend(path: str, output: str, fill: bool = True, below: float | None = None) 
         raise InputError(f"{output}: a new file called {', '.join(_WRITTEN)} in a folder that exists was expected.")
     before = after = _opened(path)
     if fill and not before.is_closed:
-        after = load(after.fill_boundaries())
+        after = after.fill_boundaries()
     if below is not None:
-        after = load(after.simplify_topology(below=below))
-    with completed_file(target) as unfinished:
-        after.to_trimesh().export(unfinished, file_type=target.suffix[1:].lower())
+        after = after.simplify(below=below, cavities=False, components=False)
+    after.save(target)
     return {"before": _numbers(before), "after": _numbers(after), "file": str(target)}
 
 

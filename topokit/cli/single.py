@@ -1,4 +1,4 @@
-"""The commands that open shapes one by one: curvature, a picture, handles, topology over all levels, tolerances."""
+"""The commands that open shapes one by one: curvature, a picture, handles, repair, all levels, tolerances."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 Quantity = Literal["gaussian", "mean", "total"]
+Ways = Literal["auto", "cut", "fill", "keep"]
 _SHAPE = typer.Argument(help="A mesh, points, a volume, a network or splats.", metavar="FILE")
 _SUFFIXES = (".png", ".webp", ".jpg", ".jpeg")
 
@@ -105,6 +106,46 @@ def clean(
 
 
 @takes_bundles
+def mend(
+    file: Annotated[str, _SHAPE],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            help="File to write: a mesh of a mesh, points or splats, a volume of a volume or a network.",
+        ),
+    ],
+    below: Annotated[float, typer.Option("--below", min=1e-300, help="Width, in units of the file.")],
+    given: Given,
+    format: Format = None,
+    handles: Annotated[Ways, typer.Option("--handles", help="How narrow tunnels are removed.")] = "auto",
+    cavities: Annotated[bool, typer.Option("--cavities/--keep-cavities", help="Remove narrow cavities.")] = True,
+    parts: Annotated[bool, typer.Option("--parts/--keep-parts", help="Remove narrow parts.")] = True,
+    boundaries: Annotated[bool, typer.Option("--boundaries", help="Fill the boundary of a mesh first.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of the table.")] = False,
+) -> None:
+    """Write a shape without tunnels, cavities and parts narrower than a width, and print a table of what was removed.
+
+    What is written has been counted. Topology that is wider stays as it is.
+    """  # fmt: skip
+
+    def answer(shape: Shape, *_: object) -> str:
+        keep = False if handles == "keep" else handles
+        made = shape.simplify(below=below, handles=keep, cavities=cavities, components=parts, boundaries=boundaries)
+        made.save(output)
+        if made.simplification is None:
+            raise AssertionError(f"{made.name}: nothing says what was removed")
+        say(f"{output} was written.")
+        return json_text(made.simplification.to_dict(), indent=2) if as_json else made.simplification.text()
+
+    if not output.parent.is_dir():
+        raise typer.BadParameter(f"-o {output}: the folder {output.parent} does not exist.")
+    if _ask([file], format, given.opener(), answer, output):
+        raise typer.Exit(1)
+
+
+@takes_bundles
 def handles(
     files: Annotated[list[str], typer.Argument(help="Files, folders and patterns.", metavar="FILE...")],
     given: Given,
@@ -131,7 +172,7 @@ def handles(
         if genus > most:
             raise InputError(
                 f"{source.path} has {genus} handles, more than {most}; locating so many takes minutes. Pass "
-                f"--most {genus}, or remove small ones first (topokit.simplify_topology)."
+                f"--most {genus}, or remove narrow ones first (topokit mend)."
             )
         found = located_handles(shape.handles(), None if counted is None else counted.placement)
         say(f"{source.name}: {plural(len(found), 'handle')}.")

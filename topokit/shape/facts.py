@@ -5,14 +5,12 @@ The functions are methods of `Shape`; those without further arguments are proper
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
-from topokit.core.handles.repair import simplified, without_boundary
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.core.surface import TriangleSurface
@@ -36,9 +34,9 @@ OTHER_WORDS = {
     "euler_characteristic": "euler()",
     "betti_numbers": "betti()",
     "components": "n_components, or split()",
-    "repair": "simplify_topology(below=...) or fill_boundaries()",
+    "repair": "simplify(below=...) or fill_boundaries()",
     "smooth": "regularized()",
-    "export": "surface().export(path) or save_ply(path)",
+    "export": "save(path), surface().export(path) or save_ply(path)",
 }
 """What is asked for under these names in other libraries."""
 
@@ -132,26 +130,6 @@ def split(shape: Shape) -> tuple[trimesh.Trimesh, ...]:
     vertices, topology = _mesh_of(shape)
     parts = (topology.faces[topology.face_labels == number] for number in range(len(topology.components)))
     return tuple(as_trimesh(TriangleSurface(vertices, faces).compact()) for faces in parts)
-
-
-def simplify_topology(shape: Shape, *, below: float) -> trimesh.Trimesh:
-    """The closed surface without its small handles and tunnels; see `topokit.simplify_topology`."""
-    if not (isinstance(below, int | float) and below > 0 and not math.isnan(below)):
-        raise InputError(f"below is {below!r}; a positive length in units of the vertices was expected.")
-    from topokit.export.trimesh import as_trimesh
-
-    surface = closed_surface(shape)
-    return as_trimesh(TriangleSurface(*simplified(surface.vertices, surface.faces, float(below))))
-
-
-def fill_boundaries(shape: Shape) -> trimesh.Trimesh:
-    """The mesh with every boundary loop closed by a fan of triangles; see `topokit.fill_boundaries`."""
-    if shape.mesh is None:
-        raise InputError(f"{shape.name} was not made from a mesh, so it has no boundary that could be filled.")
-    from topokit.export.trimesh import as_trimesh
-
-    vertices, faces = mesh_arrays(shape.mesh)
-    return as_trimesh(TriangleSurface(*without_boundary(vertices, mesh_topology(vertices, faces))))
 
 
 def _points(shape: Shape, what: str) -> Floats:

@@ -8,9 +8,11 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from topokit.core.grid.placement import Placement
+from topokit.core.handles.find import find_handles
 from topokit.core.handles.handle import Handle
 from topokit.core.loops import middle
 from topokit.core.mesh.defects import Defect
+from topokit.core.mesh.topology import mesh_topology
 from topokit.errors import MissingDependencyError, TopokitError
 from topokit.report.location import (
     LocatedBoundary,
@@ -21,6 +23,7 @@ from topokit.report.location import (
     Place,
 )
 from topokit.report.report import TopologyReport
+from topokit.shape.surface import closed_surface
 
 if TYPE_CHECKING:
     from topokit.shape.shape import Shape
@@ -99,3 +102,26 @@ def located_handles(handles: Sequence[Handle], placement: Placement | None = Non
         )
         for one, center in zip(handles, around, strict=True)
     )
+
+
+def handles(shape: Shape) -> tuple[Handle, ...]:
+    """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
+
+    There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
+    closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
+
+    Raises:
+        InputError: if there is no closed surface (see `surface`), or it intersects itself.
+
+    Reference:
+        Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
+
+    Example:
+        >>> import topokit as tk
+        >>> from topokit.testing import torus_mesh
+        >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
+        >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
+        (2.5, 3.8)
+    """
+    surface = closed_surface(shape)
+    return tuple(find_handles(surface.vertices, mesh_topology(surface.vertices, surface.faces)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -13,13 +12,10 @@ from topokit.core.cloud.sampling.downsampling import Criterion
 from topokit.core.cloud.sampling.fewer_samples import fewer_samples
 from topokit.core.grid.field import Field
 from topokit.core.grid.winding_field import regularized_samples
-from topokit.core.handles.find import find_handles
-from topokit.core.handles.handle import Handle
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
-from topokit.core.mesh.topology import mesh_topology
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
@@ -27,14 +23,16 @@ from topokit.report.certificate import Certificate
 from topokit.report.cloud import cloud_report
 from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
+from topokit.report.simplification import Simplification
 from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import certified_report
 from topokit.shape.compare import compare
 from topokit.shape.details import with_details
 from topokit.shape.features import features, narrow_places, with_features
 from topokit.shape.levels import euler_curve
-from topokit.shape.locate import with_location
+from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
+from topokit.shape.mending import fill_boundaries, save, simplify
 from topokit.shape.surface import boundary_of, closed_surface
 from topokit.text import no_attribute
 
@@ -66,6 +64,7 @@ class Shape:
         notes: sentences about what was found or changed while opening it; the report repeats them.
         n_neighbors: number of nearest neighbors for `curvature`, `gauss_bonnet` and `refined_euler`. None, the default,
             takes 20, or more where the samples are noisy.
+        simplification: what `simplify` did, if the shape is its result.
 
     All but `surface`, `defects` and `certify` are attributes, too; what functions make is made when it is needed.
     """
@@ -75,6 +74,7 @@ class Shape:
     name: str
     notes: tuple[str, ...]
     n_neighbors: int | None
+    simplification: Simplification | None
     _known: Measurements
     _make_surface: Callable[[], TriangleSurface] | None
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
@@ -93,6 +93,7 @@ class Shape:
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
         n_neighbors: int | None = None,
+        simplification: Simplification | None = None,
     ) -> None:
         known = Measurements(samples, counted, may_leave_box=field is not None, n_neighbors=n_neighbors, name=name)
         _ = known.samples_so_far  # checked now, if they are known
@@ -102,6 +103,7 @@ class Shape:
             name=name,
             notes=notes,
             n_neighbors=n_neighbors,
+            simplification=simplification,
             _known=known,
             _make_surface=surface,
             _find_defects=defects,
@@ -153,7 +155,7 @@ class Shape:
         Raises:
             InputError: for any other attribute.
         """
-        unknown = sorted(set(changes) - {"name", "notes", "n_neighbors"})
+        unknown = sorted(set(changes) - {"name", "notes", "n_neighbors", "simplification"})
         if unknown:
             raise InputError(f"a Shape's {', '.join(unknown)} cannot be replaced; name, notes and n_neighbors can.")
         other = object.__new__(type(self))
@@ -175,6 +177,7 @@ class Shape:
             name=self.name,
             notes=self.notes,
             n_neighbors=self.n_neighbors,
+            simplification=self.simplification,
         )
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
@@ -368,29 +371,6 @@ class Shape:
         """
         return self._with(fewer_samples(self.samples, n_samples, by), self.mesh)
 
-    def handles(self) -> tuple[Handle, ...]:
-        """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
-
-        There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
-        closed geodesic on the triangles of `surface()`. On which side a loop bounds is decided by linking numbers.
-
-        Raises:
-            InputError: if there is no closed surface (see `surface`), or it intersects itself.
-
-        Reference:
-            Dey, Fan and Wang 2013, DOI 10.1145/2461912.2462017 (handle and tunnel loops).
-
-        Example:
-            >>> import topokit as tk
-            >>> from topokit.testing import torus_mesh
-            >>> [handle] = tk.from_mesh(*torus_mesh(major=1, minor=0.4)).handles()
-            >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
-            (2.5, 3.8)
-        """
-        surface = self.surface()
-        vertices, faces = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int64)
-        return tuple(find_handles(vertices, mesh_topology(vertices, faces)))
-
     def regularized(self) -> Self:
         """The shape with its samples moved onto the surface where their winding number is one half.
 
@@ -421,8 +401,9 @@ class Shape:
     betti = facts.betti
     compare = compare
     split = facts.split
-    simplify_topology = facts.simplify_topology
-    fill_boundaries = facts.fill_boundaries
+    save = save
+    simplify = simplify
+    fill_boundaries = fill_boundaries
 
     to_trimesh = outputs.to_trimesh
     save_ply = outputs.save_ply
@@ -433,6 +414,7 @@ class Shape:
 
     euler_curve = euler_curve
     features = features
+    handles = handles
     narrow_places = narrow_places
     curvature = estimates.curvature
     euler = estimates.euler

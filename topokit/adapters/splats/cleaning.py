@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.adapters.splats.clusters import Component, choose_clusters
+from topokit.adapters.splats.clusters import Component, choose_clusters, small_clusters
 from topokit.adapters.splats.formats.rows import copy_rows
 from topokit.adapters.splats.geometry import disc_areas, disc_weights, thickness
 from topokit.adapters.splats.surroundings import Plane, surrounding_planes
@@ -129,6 +130,15 @@ def clean(splats: GaussianSplats, limits: Limits) -> Kept:
     notes: list[str] = []
     mask = choose_clusters(kept.splats, limits.min_cluster_share, limits.component, middle, notes)
     return kept.chosen(mask, *notes)
+
+
+def without_floaters(splats: GaussianSplats, below: float) -> Kept:
+    """The splats without clusters smaller than a length; see `GaussianSplats.simplify`."""
+    if not 0 < below < math.inf:
+        raise InputError(f"below is {below!r}; a positive length in units of the means was expected.")
+    kept = _without_broken(Kept(splats, torch.arange(len(splats), device=splats.means.device)))
+    floaters = small_clusters(kept.splats, below).to(kept.rows.device)
+    return kept.without(floaters, (f"lie in clusters smaller than {below:g}",)) if floaters.any() else kept
 
 
 def _weighted_median(splats: GaussianSplats) -> NDArray[np.float64]:

@@ -83,6 +83,15 @@ def choose_clusters(
     return torch.from_numpy(np.isin(labels, chosen))
 
 
+def small_clusters(splats: GaussianSplats, below: float) -> Tensor:
+    """Which splats (N,) belong to clusters whose box is shorter than a length along every axis."""
+    labels, means = _clusters(splats), splats.means.detach().double().cpu().numpy()
+    order = np.argsort(labels, kind="stable")
+    starts = np.flatnonzero(np.diff(labels[order], prepend=-1))
+    sizes = np.maximum.reduceat(means[order], starts) - np.minimum.reduceat(means[order], starts)
+    return torch.from_numpy((sizes.max(axis=1) < below)[labels])
+
+
 def _percentages(shares: NDArray[np.float64], most: int = 5) -> str:
     listed = ", ".join(f"{100 * share:.3g} %" for share in shares[:most])
     return listed + (" …" if len(shares) > most else "")

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.splats.checkpoints import SUFFIXES, tensors_by_name
-from topokit.adapters.splats.cleaning import Kept, Limits, clean
+from topokit.adapters.splats.cleaning import Kept, Limits, clean, without_floaters
 from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.entry import scene_file
 from topokit.adapters.splats.formats.choose import read_splats
@@ -171,6 +171,22 @@ class GaussianSplats:
             500
         """
         return clean(self, Limits(min_opacity, max_size_ratio, None, min_cluster_share, component, surroundings))
+
+    def simplify(self, *, below: float) -> Kept:
+        """The splats without floaters: clusters whose box is shorter than a length along every axis.
+
+        Gaps below about two median sizes of splats do not separate clusters.
+
+        Args:
+            below: length in units of the means.
+
+        Returns:
+            The `Kept` splats, differentiable in these, with their `rows`; `save` writes them in the scene's format.
+
+        Raises:
+            InputError: if `below` is not positive, nothing is left, or most rows are broken.
+        """
+        return without_floaters(self, float(below))
 
     def to_ply(self, path: str | os.PathLike[str]) -> None:
         """Write the standard 3DGS .ply: log scales, logit opacities, zero normals and colors, float32.

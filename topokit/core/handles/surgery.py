@@ -32,9 +32,8 @@ def without_loops(vertices: Floats, faces: Integers, loops: list[Integers]) -> A
             "the mesh is too coarse to be cut here: the loop along its edges meets itself. Subdivide the mesh, for "
             "example by trimesh's subdivide(), and ask for its handles again."
         )
-    before = mesh_topology(vertices, faces)
     points, triangles = cut_and_capped(vertices, faces, loops)
-    return _counted(points, triangles, before.euler + 2 * len(loops), len(before.components))
+    return counted_cut(vertices, faces, points, triangles, len(loops))
 
 
 def cut_and_capped(vertices: Floats, faces: Integers, loops: list[Integers]) -> Arrays:
@@ -51,7 +50,7 @@ def cut_and_capped(vertices: Floats, faces: Integers, loops: list[Integers]) -> 
         Vertices, the given ones first, and faces, the given ones first.
     """
     mesh = mesh_connectivity(faces)
-    on_loops = _edges_of(mesh, loops)
+    on_loops = edges_of(mesh, loops)
     points, parts = _taken_apart(vertices, mesh, on_loops)
     both = np.concatenate([half[on_loops] for half in mesh.twins])
     moved = np.unique(parts.ravel()[both])
@@ -105,7 +104,7 @@ def _centroid(polygon: Floats) -> Floats:
     return (lengths @ (polygon + ends)) / (2 * total) if total else polygon[0]
 
 
-def _edges_of(mesh: MeshConnectivity, loops: list[Integers]) -> Booleans:
+def edges_of(mesh: MeshConnectivity, loops: list[Integers]) -> Booleans:
     """Which edges with two faces are on the loops."""
     half, n_vertices = mesh.twins[0], mesh.n_vertices
     corners = mesh.faces.ravel()
@@ -146,10 +145,17 @@ def _drawn_back(vertices: Floats, faces: Integers, chosen: Integers) -> Floats:
     return moved
 
 
-def _counted(vertices: Floats, faces: Integers, euler: int, n_components: int) -> Arrays:
-    after = mesh_topology(vertices, faces)
-    if not after.is_closed or after.flipped_faces or after.euler != euler or len(after.components) != n_components:
+def counted_cut(vertices: Floats, faces: Integers, points: Floats, triangles: Integers, n_loops: int) -> Arrays:
+    """A mesh that was cut along loops, if each raised χ by two and none took a component apart.
+
+    Raises:
+        InputError: if not.
+    """
+    before, after = mesh_topology(vertices, faces), mesh_topology(points, triangles)
+    euler = before.euler + 2 * n_loops
+    is_whole = after.is_closed and not after.flipped_faces and len(after.components) == len(before.components)
+    if not is_whole or after.euler != euler:
         raise InputError(
             f"the mesh cannot be cut along this loop: χ = {euler} was expected, and the result counts to {after.euler}."
         )
-    return vertices, faces
+    return points, triangles

@@ -2,7 +2,7 @@
 
 A voxel is simple if and only if, among its 26 neighbors, exactly one component of the solid and one of the background
 touch it, each in its own connectivity. The 3 x 3 x 3 neighborhood is stored in the bits of one integer, so growing a
-component by one step takes a few shifts, for all voxels at once.
+component by one step takes a few shifts.
 
 Reference:
     G. Bertrand, G. Malandain, "A new characterization of three-dimensional simple points", Pattern Recognition Letters
@@ -11,13 +11,13 @@ Reference:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import compress, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.arrays import Booleans
+from topokit.core.blocks.compiled import compiled
 from topokit.errors import InputError
 
 Codes = NDArray[np.int32]
@@ -30,18 +30,18 @@ OFFSETS: Indices = np.array(list(product((-1, 0, 1), repeat=3)))
 _STEPS = np.abs(OFFSETS).sum(1)  # 1 across a face, 2 across an edge, 3 across a corner
 
 
-def _bits(chosen: Booleans) -> np.int32:
+def _bits(chosen: Booleans) -> int:
     """Code with the chosen bits set."""
-    return np.int32(sum(1 << k for k in np.flatnonzero(chosen)))
+    return sum(1 << int(k) for k in np.flatnonzero(chosen))
 
 
 _ALL = _bits(_STEPS >= 0)
 _FACES = _bits(_STEPS == 1)
 _FACES_AND_EDGES = _bits((_STEPS == 1) | (_STEPS == 2))
 _AROUND = _bits(_STEPS > 0)
-_AXES = [  # shift along an axis; bits that stay in the neighborhood when shifted up, and when shifted down
-    (np.int32(shift), _bits(OFFSETS[:, axis] < 1), _bits(OFFSETS[:, axis] > -1)) for axis, shift in enumerate((9, 3, 1))
-]
+_UP = tuple(_bits(OFFSETS[:, axis] < 1) for axis in range(3))  # bits that stay when shifted up along an axis
+_DOWN = tuple(_bits(OFFSETS[:, axis] > -1) for axis in range(3))  # and when shifted down
+_SHIFTS = (9, 3, 1)
 
 
 class PaddedSolid:
@@ -125,47 +125,49 @@ def count_touching(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
     Returns:
         Two (N,) int8 arrays.
     """
-    background = ~codes & _ALL
-    if connectivity == 6:
-        return _count_6(codes), _count_26(background)
-    return _count_26(codes), _count_6(background)
+    solid, background = _count_all(codes, connectivity)
+    return np.minimum(solid, 2), np.minimum(background, 2)
 
 
-def _count_6(codes: Codes) -> Counts:
-    """6-components of the 18-neighborhood that share a face with the middle voxel."""
-    faces = codes & _FACES
-    return _count(faces, _flood(faces & -faces, codes & _FACES_AND_EDGES, _grow_across_faces))
+@compiled
+def _count_all(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
+    solid = np.empty(len(codes), dtype=np.int8)
+    background = np.empty(len(codes), dtype=np.int8)
+    for row in range(len(codes)):
+        solid[row] = n_touching(codes[row], connectivity)
+        background[row] = n_touching(_ALL & ~codes[row], 32 - connectivity)
+    return solid, background
 
 
-def _count_26(codes: Codes) -> Counts:
-    """26-components of the 26-neighborhood."""
-    around = codes & _AROUND
-    return _count(around, _flood(around & -around, around, _grow_across_corners))
+@compiled
+def n_touching(code: int, connectivity: int) -> int:
+    """How many components of the set bits touch the middle voxel, 6- or 26-connected; it is ignored itself.
+
+    Of connectivity 6 those in the 18-neighborhood that share a face with the middle voxel, of 26 those in the 26.
+    """
+    left, count = touching(code, connectivity), 0
+    while left:
+        left &= ~component(code, left & -left, connectivity)
+        count += 1
+    return count
 
 
-def _flood(seed: Codes, within: Codes, grow: Callable[[Codes], Codes]) -> Codes:
-    """Everything within reach of the seeds."""
+@compiled
+def touching(code: int, connectivity: int) -> int:
+    """The set bits that are joined to the middle voxel itself."""
+    return code & (_FACES if connectivity == 6 else _AROUND)
+
+
+@compiled
+def component(code: int, seed: int, connectivity: int) -> int:
+    """The set bits around the middle voxel that are joined to the seed."""
+    within = code & (_FACES_AND_EDGES if connectivity == 6 else _AROUND)
+    grown = seed
     while True:
-        grown = grow(seed) & within
-        if np.array_equal(grown, seed):
-            return seed
         seed = grown
-
-
-def _grow_across_faces(codes: Codes) -> Codes:
-    grown = codes.copy()
-    for shift, up, down in _AXES:
-        grown |= ((codes & up) << shift) | ((codes & down) >> shift)
-    return grown
-
-
-def _grow_across_corners(codes: Codes) -> Codes:
-    """One axis after the other: a step across an edge or a corner is one along two or three axes."""
-    for shift, up, down in _AXES:
-        codes = codes | ((codes & up) << shift) | ((codes & down) >> shift)
-    return codes
-
-
-def _count(candidates: Codes, first: Codes) -> Counts:
-    """0 without candidates, 1 if all of them are in the first component, else 2."""
-    return (candidates != 0).astype(np.int8) + ((candidates & ~first) != 0)
+        for axis in range(3):  # a step across an edge or a corner is one along two or three axes
+            source = seed if connectivity == 6 else grown
+            grown |= ((source & _UP[axis]) << _SHIFTS[axis]) | ((source & _DOWN[axis]) >> _SHIFTS[axis])
+        grown &= within
+        if grown == seed:
+            return seed

@@ -16,18 +16,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner, corner
+from topokit.core.removal import Kind
 from topokit.core.scale.pairs import persistent_pairs
 from topokit.core.scale.signed_distance import SignedDistance
 from topokit.errors import InputError
-
-Kind = Literal["part", "tunnel", "cavity"]
 
 KINDS: tuple[Kind, ...] = ("part", "tunnel", "cavity")
 

@@ -1,0 +1,76 @@
+"""Volumes with given Betti numbers, counted before they are returned."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from topokit.adapters.voxels.adapter import from_voxels
+from topokit.adapters.voxels.field import VoxelField
+from topokit.core.homotopy.enforced import enforced
+from topokit.core.homotopy.nearest_solid import Change
+from topokit.errors import InputError
+from topokit.repair.volumes import has_two_values, with_solid, with_values_of_the_nearest
+from topokit.report.wording import plural
+from topokit.shape import Shape
+
+
+def enforce(
+    volume: Any, *, pieces: int = 1, tunnels: int = 0, cavities: int = 0, change: Change = "any", **options: Any
+) -> Any:
+    """A volume whose solid has given numbers of pieces, tunnels and cavities, with as few voxels changed as were found.
+
+    Surplus pieces are dropped or joined, tunnels cut or filled, cavities filled or opened, whichever changes least: the
+    fewest voxels near the surface of a binary volume or of a label, and the smallest values of a gray volume. A voxel
+    that is changed takes the value of the nearest one on the other side. The search is a heuristic: there may be a
+    volume that is nearer, and a feature of which the volume has no trace is not invented. What is found has exactly
+    these numbers. Not differentiable; `TopologyLoss` is.
+
+    Args:
+        volume: (X, Y, Z) NumPy array or tensor, or whatever else `from_voxels` takes, or a `Shape` that it made.
+        pieces: connected components of the solid.
+        tunnels: of the solid; see `report().tunnels`.
+        cavities: of the solid.
+        change: whether voxels may only be added to the solid ("add"), only removed from it ("remove"), or both ("any").
+        options: as for `from_voxels`: `level`, `label`, `connectivity`, `spacing`; not with a `Shape`.
+
+    Returns:
+        An array or tensor of the same type, if that was given, else a `Shape`.
+
+    Raises:
+        InputError: if no solid with these numbers was found, one of them is negative, the shape was not made from a
+            volume in memory, or as for `from_voxels`.
+
+    Example:
+        >>> import numpy as np, topokit as tk
+        >>> ring = np.ones((7, 7, 3), dtype=bool)
+        >>> ring[3, 3] = False
+        >>> int((tk.enforce(ring) != ring).sum())  # one voxel closes the tunnel
+        1
+    """
+    wanted = (pieces, tunnels, cavities)
+    if min(wanted) < 0:
+        raise InputError(f"pieces, tunnels and cavities are {wanted}; numbers of at least 0 were expected.")
+    shape = volume if isinstance(volume, Shape) else from_voxels(volume, **options)
+    field = shape.field
+    if not isinstance(field, VoxelField):
+        raise InputError(f"{shape.name} was not made from a volume in memory: only the voxels of one can be changed.")
+    before = field.volume.detach().cpu().numpy()
+    inside = field.is_inside(field.volume).cpu().numpy()
+    gray = None if has_two_values(field) else field.detached().cpu().numpy().astype(np.float32)
+    after = enforced(inside, gray, wanted, change, field.connectivity, field.grid.spacing)
+    if after is None:
+        asked = f"{plural(pieces, 'piece')}, {plural(tunnels, 'tunnel')} and {plural(cavities, 'cavity', 'cavities')}"
+        raise InputError(
+            f"{shape.name}: no solid with {asked} was found near this one, of which the report has "
+            f"{shape.report().solid_betti}. Ask for numbers nearer to these, or for several steps."
+        )
+    values = with_values_of_the_nearest(before, inside, after)
+    if isinstance(volume, Tensor):
+        return torch.from_numpy(values).to(volume)
+    if isinstance(volume, np.ndarray):
+        return values.astype(volume.dtype, copy=False)
+    return with_solid(shape, field, inside, after)

@@ -1,0 +1,35 @@
+"""`Shape.simplify`: any representation without its narrow features, as a shape of the same kind."""
+
+from __future__ import annotations
+
+import math
+
+from topokit.core.homotopy.simplified import Way
+from topokit.errors import InputError
+from topokit.repair.meshes import simplified_mesh, without_boundaries
+from topokit.repair.volumes import simplified_volume
+from topokit.shape import Shape
+from topokit.shape.mending import Handles
+
+_OF_HANDLES: dict[object, frozenset[Way]] = {
+    "auto": frozenset({("tunnel", "cut"), ("tunnel", "filled")}),
+    "cut": frozenset({("tunnel", "cut")}),
+    "fill": frozenset({("tunnel", "filled")}),
+    False: frozenset(),
+}
+_OF_CAVITIES: frozenset[Way] = frozenset({("cavity", "filled"), ("cavity", "opened")})
+_OF_COMPONENTS: frozenset[Way] = frozenset({("part", "dropped"), ("part", "joined")})
+
+
+def simplify(shape: Shape, below: float, handles: Handles, cavities: bool, components: bool, boundaries: bool) -> Shape:
+    """The shape without features narrower than a width; see `Shape.simplify`."""
+    if not (isinstance(below, int | float) and 0 < below < math.inf):
+        raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
+    if handles not in _OF_HANDLES:
+        raise InputError(f"handles is {handles!r}; 'auto', 'cut', 'fill' or False was expected.")
+    ways = _OF_HANDLES[handles]
+    ways |= _OF_CAVITIES if cavities else frozenset()
+    ways |= _OF_COMPONENTS if components else frozenset()
+    if boundaries and shape.mesh is not None and not shape.is_closed:
+        shape = without_boundaries(shape)
+    return (simplified_mesh if shape.field is None else simplified_volume)(shape, float(below), ways)

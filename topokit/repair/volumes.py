@@ -1,0 +1,146 @@
+"""Volumes with some voxels moved into the solid or out of it, and nothing else changed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from topokit.adapters.voxels.adapter import Sampling, shape_in_memory
+from topokit.adapters.voxels.counting import Solid
+from topokit.adapters.voxels.field import VoxelField
+from topokit.core.arrays import Booleans, Floats
+from topokit.core.grid.field import Field
+from topokit.core.grid.grid import occupied_box
+from topokit.core.grid.placement import Index, Placement
+from topokit.core.homotopy.simplified import Step, Way, simplified
+from topokit.core.removal import Removal
+from topokit.core.scale.widths import SurfaceWidths
+from topokit.errors import InputError
+from topokit.report.simplification import Simplification
+from topokit.shape import Shape
+
+_SAMPLING = Sampling(10_000, 0, None, None)
+_MARGIN = 2  # voxels around the solid in which gaps between parts are closed
+
+
+def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape:
+    """A volume without its narrow features; see `Shape.simplify`.
+
+    Args:
+        shape: with a field on a grid.
+        below: width, in units of length.
+        ways: how features may be removed.
+
+    Raises:
+        InputError: if the shape was not made from a volume in memory or a function, or all of it is narrower.
+    """
+    field = voxel_field(shape)
+    inside = field.is_inside(field.volume).cpu().numpy()
+    spacing = field.grid.spacing
+    margin = [_MARGIN + int(np.ceil(below / step)) for step in spacing]
+    sides = occupied_box(torch.from_numpy(inside))
+    low = np.array([max(start - more, 0) for (start, _), more in zip(sides, margin, strict=True)])
+    box = tuple(slice(a, stop + more) for a, (_, stop), more in zip(low, sides, margin, strict=True))
+    balls = SurfaceWidths(field.surface(), spacing)
+    origin = np.asarray(field.grid.origin) + low * spacing
+    part, steps = simplified(
+        *(inside[box], _cost(field, box), below, ways, lambda at: balls.at(origin + at * spacing)),
+        *(field.connectivity, spacing),
+    )
+    if not part.any():
+        raise InputError(
+            f"{shape.name}: every part is narrower than {below:g}, so that nothing would be left: "
+            "components=False keeps them."
+        )
+    after = inside.copy()
+    after[box] = part
+    result = with_solid(shape, field, inside, after)
+    removals = tuple(sorted(_removals(steps, origin, spacing), key=lambda one: (one.width, one.place)))
+    before, counted = (one.report().solid_betti for one in (shape, result))
+    changed = int((after != inside).sum())
+    if before is None or counted is None:
+        raise AssertionError(f"{shape.name}: a volume has no Betti numbers")
+    done = Simplification(below, removals, before, counted, changed, "voxel")
+    return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
+
+
+def voxel_field(shape: Shape) -> VoxelField:
+    """The voxels of a shape: those of its volume, or the values of its function on the grid of its field.
+
+    Raises:
+        InputError: if it has neither.
+    """
+    field = shape.field
+    if isinstance(field, VoxelField):
+        return field
+    if isinstance(field, Field):
+        return VoxelField(field.detached().cpu(), 0.0, (), field.grid, field.connectivity)
+    raise InputError(f"{shape.name} was not made from a volume in memory: only the voxels of one can be changed.")
+
+
+def _cost(field: VoxelField, box: tuple[slice, ...]) -> Floats | None:
+    """How far the value of each voxel is from the level; None where values do not say it."""
+    if has_two_values(field):
+        return None
+    depth = np.abs(field.detached()[box].cpu().double().numpy())
+    known = np.isfinite(depth)
+    return np.where(known, depth, depth[known].max(initial=1.0))
+
+
+def _removals(steps: list[Step], origin: Floats, spacing: tuple[float, float, float]) -> list[Removal]:
+    found = []
+    for step in steps:
+        for (kind, how), one in zip(step.ways, step.filled, strict=True):
+            x, y, z = (origin + one.voxel * spacing).tolist()
+            found.append(Removal(kind, how, one.width, (x, y, z), len(step.voxels)))
+    return found
+
+
+def has_two_values(field: VoxelField) -> bool:
+    """Whether all voxels inside are alike, and all outside, so that their values do not say how deep they are."""
+    volume = field.volume.detach()
+    return field.is_binary or bool(((volume == volume.min()) | (volume == volume.max())).all())
+
+
+def with_solid(shape: Shape, field: VoxelField, before: Booleans, after: Booleans) -> Shape:
+    """A volume whose solid is another one; its name, notes, level, labels and placement are kept.
+
+    Args:
+        shape: of the volume.
+        field: its voxels.
+        before: (X, Y, Z), its solid.
+        after: (X, Y, Z), the other one.
+    """
+    volume = field.volume.detach()
+    values = with_values_of_the_nearest(volume.cpu().numpy(), before, after)
+    placement = placement_of(shape, field)
+    solid = Solid(None if field.is_binary else field.level, field.labels, field.connectivity)
+    first = first_voxel(placement, field)
+    made = shape_in_memory(shape.name, torch.from_numpy(values).to(volume), placement, solid, _SAMPLING, first)
+    return made.replace(notes=shape.notes, n_neighbors=shape.n_neighbors)
+
+
+def placement_of(shape: Shape, field: VoxelField) -> Placement:
+    """Where the voxels of a shape's volume are, or of the whole volume that it is a box of."""
+    found = None if shape.counted is None else shape.counted.placement
+    return found or Placement(field.grid.spacing, field.grid.origin)
+
+
+def first_voxel(placement: Placement, field: VoxelField) -> Index:
+    """The index in the whole volume of the first voxel of a field, which may be that of a label's box."""
+    return placement.voxel(field.grid.origin)
+
+
+def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, after: Booleans) -> NDArray[Any]:
+    """The volume with new values where two solids differ: those of the nearest voxel on the other side."""
+    values = volume.copy()
+    for side in (before, ~before):
+        changed = side & (before != after)
+        if changed.any():
+            nearest = distance_transform_edt(side, return_distances=False, return_indices=True)
+            values[changed] = volume[tuple(nearest[:, changed])]
+    return values

@@ -44,7 +44,7 @@ VALUES: dict[str, Case] = {
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name == "refined" else ()) for name in VALUES]
+    "name", [pytest.param(name, marks=pytest.mark.long if name in ("refined", "curvature") else ()) for name in VALUES]
 )
 def test_operations_recorded_with_one_input_are_right_for_another(name: str) -> None:
     (first, second), value_of = VALUES[name]

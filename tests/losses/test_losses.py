@@ -129,8 +129,12 @@ def test_gradcheck_of_the_topology_loss(options: dict[str, Any], generator: torc
 @OUT_OF_REACH
 @pytest.mark.parametrize(
     ("loss", "options"),
-    [(euler, {}), (topology, {}), (topology, {"change": "add"}), (topology, {"genus": (0, 0)})],
-    ids=["euler", "topology", "add", "two components"],
+    [
+        pytest.param(euler, {}, id="euler"),
+        pytest.param(topology, {"genus": (0, 0)}, id="two components"),
+        pytest.param(topology, {}, id="topology", marks=pytest.mark.long),
+        pytest.param(topology, {"change": "add"}, id="add", marks=pytest.mark.long),
+    ],
 )
 @pytest.mark.parametrize(
     "dtype",

@@ -133,14 +133,14 @@ def test_the_command_line_means_the_same(tmp_path: Path) -> None:
 
 
 CLOUDS: dict[str, Callable[[], tk.Shape]] = {
-    "torus": lambda: tk.from_points(torus_samples(2000).points),
-    "torus, 1 % noise": lambda: tk.from_points(noisy(torus_samples(2000).points, 0.01)),
-    "torus, normals": lambda: tk.from_points(torus_samples(2000).points, torus_samples(2000).normals),
-    "sphere": lambda: tk.from_points(sphere_samples(1500).points),
-    "sphere, 2 % noise": lambda: tk.from_points(noisy(sphere_samples(1500).points, 0.02)),
-    "ellipsoid, single precision": lambda: tk.from_points(ellipsoid_samples(1500).points.float()),
-    "half sphere": lambda: tk.from_points(hemisphere_samples(1500).points),
-    "half sphere, noise": lambda: tk.from_points(noisy(hemisphere_samples(1500).points, 0.01)),
+    "torus": lambda: tk.from_points(torus_samples(1200).points),
+    "torus, 1 % noise": lambda: tk.from_points(noisy(torus_samples(1200).points, 0.01)),
+    "torus, normals": lambda: tk.from_points(torus_samples(1200).points, torus_samples(1200).normals),
+    "sphere": lambda: tk.from_points(sphere_samples(900).points),
+    "sphere, 2 % noise": lambda: tk.from_points(noisy(sphere_samples(900).points, 0.02)),
+    "ellipsoid, single precision": lambda: tk.from_points(ellipsoid_samples(900).points.float()),
+    "half sphere": lambda: tk.from_points(hemisphere_samples(900).points),
+    "half sphere, noise": lambda: tk.from_points(noisy(hemisphere_samples(900).points, 0.01)),
     "two spheres": lambda: tk.from_points(
         torch.cat((sphere_samples(900).points, noisy(sphere_samples(900).points + 3, 0.01)))
     ),

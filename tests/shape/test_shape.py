@@ -17,7 +17,7 @@ from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh, t
 
 def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
     vertices, faces = (torch.from_numpy(part) for part in genus_mesh(2))
-    samples, _ = sample_triangles(vertices, faces, 4000)
+    samples, _ = sample_triangles(vertices, faces, 2500)
     for normals in (None, samples.normals):
         shape = tk.from_points(samples.points, normals)
         report = shape.report(details=True)
@@ -32,8 +32,8 @@ def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
 
 
 def test_nested_and_separate_parts_are_told_apart() -> None:
-    outer, inner = sphere_samples(4000), sphere_samples(2000, radius=0.5)
-    torus = torus_samples(3000)
+    outer, inner = sphere_samples(1600), sphere_samples(800, radius=0.5)
+    torus = torus_samples(1200)
     points = torch.cat((outer.points, inner.points, torus.points + 4))
     report = tk.from_points(points).report()
     assert (report.euler, report.components, report.cavities, report.genus) == (4, 3, 1, 1)
@@ -48,7 +48,7 @@ def test_nested_and_separate_parts_are_told_apart() -> None:
 
 
 def test_oriented_gives_outward_normals_that_follow_the_points() -> None:
-    known = torus_samples(4000)
+    known = torus_samples(2000)
     points = known.points.clone().requires_grad_()
     shape = tk.from_points(points).oriented()
     assert shape.samples.normals is not None
@@ -99,8 +99,8 @@ def test_what_bounds_no_solid_is_unsure_with_the_reason(points: torch.Tensor) ->
 
 
 def test_samples_along_scan_lines_are_not_believed() -> None:
-    height = torch.linspace(-0.98, 0.98, 24, dtype=torch.float64).repeat_interleave(300)
-    angle = torch.linspace(0, 6.28, 300, dtype=torch.float64).repeat(24)
+    height = torch.linspace(-0.98, 0.98, 16, dtype=torch.float64).repeat_interleave(120)
+    angle = torch.linspace(0, 6.28, 120, dtype=torch.float64).repeat(16)
     ring = (1 - height.square()).sqrt()
     report = tk.from_points(torch.stack((ring * angle.cos(), ring * angle.sin(), height), dim=1)).report()
     assert report.verdict == "unsure"
@@ -118,14 +118,14 @@ def test_a_cluster_and_a_few_points_do_not_hang() -> None:
 
 
 def test_a_large_offset_changes_nothing() -> None:
-    known = torus_samples(3000)
+    known = torus_samples(1500)
     here, there = (tk.from_points(known.points + offset).report() for offset in (0, 1e6))
     assert (here.euler, here.verdict) == (there.euler, there.verdict)
     assert here.resolution == pytest.approx(there.resolution, rel=1e-3)
 
 
 def test_reports_are_deterministic_and_json() -> None:
-    points = torus_samples(2500).points
+    points = torus_samples(1000).points
     first, second = (tk.from_points(points).report().to_dict() for _ in range(2))
     for one in (first, second):
         one["evidence"] = [{**row, "seconds": 0} for row in one["evidence"]]

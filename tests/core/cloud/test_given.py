@@ -15,7 +15,7 @@ from topokit.core.cloud.settings import CloudSettings, GivenSettings, SamplingSe
 from topokit.core.cloud.witness import global_witness
 
 SETTINGS = CloudSettings()
-LARGE = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3000))
+LARGE = CloudSettings(sampling=SamplingSettings(whole=2500, samples=1500))
 
 
 def signs_of(points: Floats, normals: Floats, settings: GivenSettings = SETTINGS.given) -> Signs | None:
@@ -54,7 +54,7 @@ def test_signs_that_were_found_say_nothing_about_given_normals() -> None:
     assert Signs("given", 1.0, None).apply(None) is None
 
 
-@pytest.mark.parametrize(("settings", "n_points"), [(SETTINGS, 3000), (LARGE, 8000)], ids=["whole", "sampled"])
+@pytest.mark.parametrize(("settings", "n_points"), [(SETTINGS, 2000), (LARGE, 4000)], ids=["whole", "sampled"])
 def test_contradictory_normals_are_found_anew(settings: CloudSettings, n_points: int) -> None:
     points, normals = torus(n_points)
     is_wrong = points[:, 0] > 0.5
@@ -83,7 +83,7 @@ def test_few_wrong_signs_do_not_refute_the_others(sign: float) -> None:
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_walls_thinner_than_the_spacing_do_not_refute_given_signs(sign: float) -> None:
     """No signs can be found there, so they say neither that given ones are wrong nor that they point inward."""
-    points, _ = sphere(1500)
+    points, _ = sphere(800)
     shell, normals = np.concatenate((points, 0.97 * points)), np.concatenate((points, -points))
     assert signs_of(shell, normals) is None
     found = global_witness(torch.from_numpy(shell), torch.from_numpy(sign * normals))

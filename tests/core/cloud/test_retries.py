@@ -61,7 +61,7 @@ def test_clearances_of_parallel_sheets() -> None:
         assert (found[far][inner] == 3).all()
 
 
-@pytest.mark.parametrize("thickness", [0.01, 0.02])
+@pytest.mark.parametrize("thickness", [0.01, pytest.param(0.02, marks=pytest.mark.long)])
 def test_plate_much_thinner_than_the_spacing(thickness: float) -> None:
     points, normals = plate_with_hole(2_000, thickness)  # spacing 0.06
     witness = global_witness(torch.from_numpy(points), torch.from_numpy(normals))
@@ -112,7 +112,7 @@ def test_noise_leaves_samples_where_they_are() -> None:
     assert "shifted cut" not in {vote.family for vote in witness.votes}
 
 
-@pytest.mark.parametrize(("thickness", "seed"), [(0.08, 3), (0.1, 3)])
+@pytest.mark.parametrize(("thickness", "seed"), [(0.08, 3), pytest.param(0.1, 3, marks=pytest.mark.long)])
 def test_noisy_samples_whose_votes_differ_are_looked_at_again(thickness: float, seed: int) -> None:
     points, _ = plate_with_hole(2_000, thickness, seed=seed)
     noisy = points + np.random.default_rng(seed).normal(0, 0.02, points.shape)  # a third of the spacing

@@ -70,7 +70,9 @@ def test_noise_asks_for_more_at_any_scale_and_on_any_device_type(make: type) -> 
     assert abs(chosen(points.float()) - sizes[-1]) <= 0.5 * sizes[-1]
 
 
-@pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.parametrize(
+    "make", [pytest.param(make, marks=pytest.mark.long if make is not torus_samples else ()) for make in MAKERS]
+)
 def test_defaults_bear_one_percent_of_noise(make: type) -> None:
     known = make(10_000)
     points = noisy(known, 0.01)

@@ -128,7 +128,7 @@ def test_total_area_is_within_a_per_cent(make: type, with_normals: bool) -> None
 
 
 def test_monte_carlo_total_area_is_within_a_per_cent() -> None:
-    known = sphere_samples(10_000)
+    known = sphere_samples(4000)
     local = surface_curvature(SurfaceSamples(known.points, known.normals), CurvatureSettings(area_method="monte-carlo"))
     assert float(local.area.sum()) == pytest.approx(known.area, rel=0.01)
 

@@ -25,7 +25,7 @@ sys.path.insert(0, str(HERE.parents[1] / "tests" / "support"))
 
 def main() -> None:
     """Write a page, open it, and keep two pictures of it."""
-    from browser import opened_page
+    from browser import opened_browser, page_in
 
     with tempfile.TemporaryDirectory() as folder:
         path, name = Path(folder) / "parts.html", "bracket.ply"
@@ -33,7 +33,7 @@ def main() -> None:
             path, name = Path(sys.argv[1]).resolve(), sys.argv[2]
         else:
             write_html(map(entry, shapes()), path, title="Parts of the week")
-        with opened_page(1280, 800) as (page, complaints):
+        with opened_browser() as browser, page_in(browser, 1280, 800) as (page, complaints):
             page.goto(path.as_uri())
             page.wait_for_timeout(1_000)
             keep(page.screenshot(), "page-table")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import nullcontext
 
 import pytest
-import torch
 
 import topokit as tk
 from topokit.core.cloud.settings import CloudSettings, SamplingSettings

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from browser import opened_page
+from browser import opened_browser, page_in
 from PIL import Image
 
 import topokit as tk
@@ -18,7 +18,7 @@ from topokit.pages import Entry, page_of, write_html
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page
 
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>.obj"
 OFFSET = np.array([500.0, -20.0, 3.0])
@@ -33,7 +33,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shapes = (
         tk.from_mesh(icosphere(2)),
         tk.from_mesh(genus_mesh(12, resolution=12)),
-        tk.from_points(sphere_samples(2_000).points),
+        tk.from_points(sphere_samples(800).points),
     )
     entries = [Entry("torus", page_of(TORUS, TORUS.report(locate=True)), seconds=2.0)]
     entries += [Entry(f"{i}.obj", page_of(shape, shape.report()), seconds=10.0 * i) for i, shape in enumerate(shapes)]
@@ -42,9 +42,16 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One for all tests here, and no longer: while it runs, no other event loop can in this thread."""
+    with opened_browser() as browser:
+        yield browser
+
+
 @pytest.fixture
-def page(page_file: Path) -> Iterator[Page]:
-    with opened_page() as (page, complaints):
+def page(browser: Browser, page_file: Path) -> Iterator[Page]:
+    with page_in(browser) as (page, complaints):
         page.goto(page_file.as_uri())
         yield page
         assert complaints == []
@@ -102,10 +109,10 @@ def test_a_click_centers_a_handle(page: Page) -> None:
     np.testing.assert_allclose(target(page), OFFSET, atol=2e-3)
 
 
-def test_a_click_centers_a_boundary(tmp_path: Path) -> None:
+def test_a_click_centers_a_boundary(browser: Browser, tmp_path: Path) -> None:
     TORN.save_html(tmp_path / "torn.html")
     [boundary] = TORN.boundaries()
-    with opened_page() as (page, complaints):
+    with page_in(browser) as (page, complaints):
         page.goto((tmp_path / "torn.html").as_uri())
         page.click("text=boundary 1")
         assert_flies_to(page, 0, middle(boundary.points))
@@ -150,9 +157,9 @@ def test_steps_and_addresses_lead_from_shape_to_shape(page: Page, page_file: Pat
     page.wait_for_selector("#canvas[data-target]")
 
 
-def test_a_single_shape_is_shown_at_once(tmp_path: Path) -> None:
-    tk.from_points(sphere_samples(3_000).points).save_html(tmp_path / "one.html")
-    with opened_page(700, 500) as (page, complaints):
+def test_a_single_shape_is_shown_at_once(browser: Browser, tmp_path: Path) -> None:
+    tk.from_points(sphere_samples(800).points).save_html(tmp_path / "one.html")
+    with page_in(browser, 700, 500) as (page, complaints):
         page.goto((tmp_path / "one.html").as_uri())
         page.wait_for_selector("#canvas[data-target]")
         assert page.locator("#list").is_hidden()

@@ -10,7 +10,7 @@ from topokit.errors import InputError
 from topokit.testing import sphere_samples, torus_samples
 
 
-def bitten_torus(n_points: int = 4000) -> tuple[torch.Tensor, torch.Tensor]:
+def bitten_torus(n_points: int = 2500) -> tuple[torch.Tensor, torch.Tensor]:
     """A torus beyond a tangent plane of its inner equator: the rim is a figure eight."""
     known = torus_samples(n_points)
     kept = known.points[:, 0] < 0.6

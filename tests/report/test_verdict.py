@@ -243,12 +243,12 @@ def test_the_seconds_of_gauss_bonnet_are_those_of_curvature_and_boundary() -> No
 
 
 def test_a_likely_integer_says_for_which_widths_and_what_would_show_more() -> None:
-    points = torus_samples(5000).points
+    points = torus_samples(2000).points
     clean = tk.from_points(points).report()
     assert clean.resolution is not None
     first = clean.text(full=True).splitlines()[0]
     assert f"(likely, for features wider than {clean.resolution:.2g})" in first
-    assert any("20000 points" in reason for reason in clean.reasons)
+    assert any("8000 points" in reason for reason in clean.reasons)
     noise = 0.02 * torch.randn(points.shape, generator=torch.Generator().manual_seed(0), dtype=points.dtype)
     noisy = tk.from_points(points + noise).report()
     assert noisy.resolution is not None

@@ -25,7 +25,7 @@ def touching(x: Tensor) -> Tensor:
 
 
 def test_a_proven_level_set_is_certain() -> None:
-    shape = tk.from_sdf(torus, bounds=(-1, 1))
+    shape = tk.from_sdf(torus, bounds=(-1, 1), resolution=128)
     report = shape.report(certify=True)
     assert (report.verdict, report.euler, report.genus, report.components) == ("certain", 0, 1, 1)
     assert (report.confidence, report.closed, report.boundary_loops, report.resolution) == (1.0, True, 0, None)

@@ -65,14 +65,14 @@ def test_at_least_three_grids_are_counted() -> None:
     assert study(32, 32).n_evaluations == 33**3
 
 
-@pytest.mark.parametrize(("radius", "seed", "slope"), [(0.01, 0, 200), (0.006, 1, 200), (0.01, 2, 1000)])
+@pytest.mark.parametrize(("radius", "seed", "slope"), [(0.006, 1, 200), (0.01, 2, 1000)])
 def test_a_floater_that_a_steep_occupancy_hides_is_not_likely_missing(radius: float, seed: int, slope: float) -> None:
     report = tk.from_occupancy(steep(with_floater(radius, seed), slope), **ROUGH).report()
     assert report.verdict == "unsure"
     assert "jumps to a constant within 0.0156" in report.reasons[report.n_deciding - 1]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_every_vertex_is_evaluated_where_an_occupancy_is_steep(seed: int) -> None:
     report = tk.from_occupancy(steep(with_floater(0.016, seed), 1000), **ROUGH).report()
     assert (report.euler, report.components) == (4, 2)  # wider than a cell's diagonal on 128 cells, not on 64
@@ -81,17 +81,16 @@ def test_every_vertex_is_evaluated_where_an_occupancy_is_steep(seed: int) -> Non
 @pytest.mark.parametrize("kind", ["distance", "log-odds", "gentle"])
 @pytest.mark.parametrize("radius", [0.006, 0.014])
 def test_a_floater_in_a_field_that_carries_distance_is_noticed(kind: str, radius: float) -> None:
-    for seed in range(2):
-        distance = with_floater(radius, seed)
-        if kind == "distance":
-            shape = tk.from_sdf(distance, **ROUGH)
-        elif kind == "log-odds":
-            shape = tk.from_occupancy(lambda x, f=distance: -200 * f(x), logits=True, **ROUGH)
-        else:
-            shape = tk.from_occupancy(steep(distance, 50), **ROUGH)
-        report = shape.report()
-        assert report.euler == 4 or report.verdict == "unsure"
-        assert not any("jumps" in reason for reason in report.reasons)
+    distance = with_floater(radius, 0)
+    if kind == "distance":
+        shape = tk.from_sdf(distance, **ROUGH)
+    elif kind == "log-odds":
+        shape = tk.from_occupancy(lambda x: -200 * distance(x), logits=True, **ROUGH)
+    else:
+        shape = tk.from_occupancy(steep(distance, 50), **ROUGH)
+    report = shape.report()
+    assert report.euler == 4 or report.verdict == "unsure"
+    assert not any("jumps" in reason for reason in report.reasons)
 
 
 @pytest.mark.parametrize("cells", [32, 64])

@@ -17,7 +17,7 @@ def box(scale: float) -> np.ndarray:
     return values * scale
 
 
-@pytest.mark.parametrize("exponent", [-1060, -1000, -400, -100, -3, 0, 7, 90, 400, 1000, 1022])
+@pytest.mark.parametrize("exponent", [-1060, -1000, -3, 90, 400, 1022])
 def test_answers_do_not_depend_on_the_size_of_values(exponent: int) -> None:
     usual, scaled = (tk.from_voxels(np.ldexp(box(1.0), power), level=0.0) for power in (0, exponent))
     assert scaled.report().euler == 2
@@ -25,7 +25,7 @@ def test_answers_do_not_depend_on_the_size_of_values(exponent: int) -> None:
     assert abs(float(scaled.gauss_bonnet(boundary=False)) - float(usual.gauss_bonnet(boundary=False))) <= tolerance
 
 
-@pytest.mark.parametrize("scale", [1e-310, 1e-300, 1e-20, 1e20, 1e300])
+@pytest.mark.parametrize("scale", [1e-310, 1e300])
 def test_pages_show_values_of_any_size(scale: float, tmp_path) -> None:
     tk.from_voxels(box(scale), level=0.0).save_html(tmp_path / "page.html")
     assert (tmp_path / "page.html").stat().st_size > 1000

@@ -15,11 +15,10 @@ import trimesh
 import topokit as tk
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 
-mcp = pytest.importorskip("mcp", reason="the server needs the extra mcp")
-
 
 async def conversation(calls: list[tuple[str, dict[str, Any]]]) -> tuple[list[str], list[Any]]:
     """The tools of the server, and its answers: what is in them, or the text of an error."""
+    mcp = pytest.importorskip("mcp", reason="the server needs the extra mcp")
     started = mcp.StdioServerParameters(command=sys.executable, args=["-m", "topokit", "mcp"])
     answers = []
     async with mcp.Client(started) as client:

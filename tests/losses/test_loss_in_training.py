@@ -76,7 +76,7 @@ def test_each_component_gets_its_own_topology() -> None:
     start = union(disc, torus(P, 0.28, 0.12, (0.6, 0, 0)))
 
     assert tunnels_by_size(start) == [0, 1]
-    for genus in ((0, 1), (1, 0), (0, 0), (1, 1)):
+    for genus in ((1, 0), (0, 0), (1, 1)):
         field = optimize(start, tk.TopologyLoss(genus=genus), tau=0.04)
         assert tunnels_by_size(field) == list(genus)
         assert meshed_topology(field) == (2, 4 - 2 * sum(genus))

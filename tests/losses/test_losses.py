@@ -192,11 +192,10 @@ def test_nan_gives_nan_in_the_euler_loss_and_is_refused_by_the_topology_loss() -
 
 @both_losses
 def test_a_batch_equals_its_items(loss: Loss) -> None:
-    fields = torch.stack([TORUS, BALL, TORUS_AND_BLOB, TORUS + 0.02, -TORUS, TORUS.roll(2, 0)])
-    fields = fields.reshape(2, 3, *TORUS.shape)
+    fields = torch.stack([TORUS, BALL, TORUS_AND_BLOB, -TORUS]).reshape(2, 2, *TORUS.shape)
     values, slopes = value_and_slope(loss, fields, 0.05, reduction="none")
-    assert values.shape == (2, 3)
-    for item in ((i, j) for i in range(2) for j in range(3)):
+    assert values.shape == (2, 2)
+    for item in ((i, j) for i in range(2) for j in range(2)):
         value, slope = value_and_slope(loss, fields[item], 0.05)
         torch.testing.assert_close(values[item], value)
         torch.testing.assert_close(slopes[item], slope)

@@ -40,7 +40,7 @@ def all_levels(field: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("connectivity", [6, 26])
 def test_curves_are_those_of_cubical_persistence(connectivity: int) -> None:
     random = np.random.default_rng(0)
-    for number in range(200):
+    for number in range(80):
         shape = tuple(random.integers(1, 8, 3))
         field = random.integers(0, 6, shape) if number % 2 else random.normal(size=shape)
         levels = all_levels(field)

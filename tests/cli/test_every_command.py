@@ -73,7 +73,7 @@ def invoke(*arguments: object, stdin: bytes | None = None) -> Result:
     return found
 
 
-@pytest.mark.parametrize("command", ["report", "euler", "genus"])
+@pytest.mark.parametrize("command", ["report", "euler", pytest.param("genus", marks=pytest.mark.long)])
 def test_questions(case: tuple[Path, tuple[str, ...], tuple[object, ...] | None], command: str) -> None:
     path, options, expected = case
     found = invoke(command, path, *options, "--json")

@@ -83,7 +83,7 @@ def assert_equal_surfaces(f: Function, study: ConvergenceStudy, blocks: Blocks) 
             assert np.array_equal(getattr(found, one.name), getattr(expected, one.name)), one.name
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(functions, st.integers(700, 20_000), st.sampled_from((8, 16)))
 def test_every_number_is_that_of_the_whole_grid(f: Function, most_vertices: int, kept_cells: int) -> None:
     field = coarsest(f)
@@ -96,7 +96,7 @@ def test_every_number_is_that_of_the_whole_grid(f: Function, most_vertices: int,
     assert_equal_surfaces(f, cut, Blocks(most_vertices))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(functions, st.data())
 def test_a_box_holds_what_the_whole_grid_holds_there(f: Function, data: st.DataObject) -> None:
     field = coarsest(f)

@@ -108,7 +108,7 @@ SINGULAR: dict[str, Function] = {
 
 @pytest.mark.parametrize("name", SINGULAR)
 def test_what_is_singular_is_never_proven(name: str) -> None:
-    found = proof_of(SINGULAR[name], time_limit=0.6)
+    found = proof_of(SINGULAR[name], time_limit=0.3)
     assert found.components is None
     assert found.n_open > 0
     for low, high in found.places:

@@ -41,10 +41,11 @@ VALUES: dict[str, Case] = {
     "smoothed": (FIELDS, lambda f: GridField(f).smoothed_euler(0.05)),
     "Euler loss": (FIELDS, lambda f: tk.euler_loss(f, 2.0, 0.05)),
 }
+LONG = ("euler", "curvature", "refined")  # operations of the others, and steps that take long to record
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name in ("refined", "curvature") else ()) for name in VALUES]
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LONG else ()) for name in VALUES]
 )
 def test_operations_recorded_with_one_input_are_right_for_another(name: str) -> None:
     (first, second), value_of = VALUES[name]

@@ -155,7 +155,7 @@ def test_loss_and_gradient_are_finite_at_degenerate_fields(
     fields = [torch.full((3, 4, 3), value, dtype=DOUBLE) for value in (0.0, 1.0, -1.0, math.inf, -math.inf, 3e4)]
     fields += [noise, noise.round(), infinite, noise.sign(), 1e-6 * noise, noise.new_ones(1, 1, 1), -noise[:1, :1]]
     for field in fields:
-        for tau in (1e-6 if dtype.itemsize > 2 else 2e-3, 0.3, 1e3):
+        for tau in (1e-6 if dtype.itemsize > 2 else 2e-3, 1e3):
             value, slope = value_and_slope(loss, field.to(dtype), tau, **options)
             assert value.isfinite()
             assert slope.isfinite().all(), (tau, field)

@@ -156,7 +156,7 @@ def test_trained_torus() -> None:
     net = nn.Sequential(nn.Linear(3, 64), nn.Softplus(20), nn.Linear(64, 64), nn.Softplus(20), nn.Linear(64, 1))
     optimizer = torch.optim.Adam(net.parameters(), 3e-3)
     for _ in range(400):
-        points = 2 * torch.rand(2048, 3) - 1
+        points = 2 * torch.rand(1024, 3) - 1
         loss = (net(points)[:, 0] - torus(points)).abs().mean()
         optimizer.zero_grad()
         loss.backward()

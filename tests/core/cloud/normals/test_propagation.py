@@ -94,9 +94,9 @@ def test_the_number_of_patches_is_bounded_where_all_steps_weigh_the_same() -> No
 
 
 def test_noisy_points_are_not_asked_to_vote() -> None:
-    known = sphere_samples(50_000)
-    spacing = (known.area / 50_000) ** 0.5
-    points = known.points.numpy() * (1 + 0.3 * spacing * np.random.default_rng(0).normal(size=(50_000, 1)))
+    known = sphere_samples(20_000)
+    spacing = (known.area / 20_000) ** 0.5
+    points = known.points.numpy() * (1 + 0.3 * spacing * np.random.default_rng(0).normal(size=(20_000, 1)))
     surface, wrong = around(points), {}
     assert not find_faces(surface, CreaseSettings()).show  # which decides
     for by_vote in (False, True):

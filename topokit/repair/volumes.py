@@ -36,8 +36,11 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
         ways: how features may be removed.
 
     Raises:
-        InputError: if the shape was not made from a volume in memory or a function, or all of it is narrower.
+        InputError: if the shape was not made from a volume in memory or a function, is cut out of a larger body, or all
+            of it is narrower.
     """
+    if shape.counted is not None and shape.counted.cut_out_euler is not None:
+        raise InputError(f'{shape.name} is cut out of a larger body: open it with edges="solid" to change it.')
     field = voxel_field(shape)
     inside = field.is_inside(field.volume).cpu().numpy()
     spacing = field.grid.spacing

@@ -1,1 +1,1 @@
-"""Handles of closed surfaces: cycle bases, the side on which loops bound, short loops, cutting and capping."""
+"""Handles of closed surfaces: cycle bases, the side on which loops bound, short and small loops, cutting, capping."""

@@ -1,1 +1,1 @@
-"""Topology of voxel solids and how to change it: simple points, homotopy warping, the nearest solid."""
+"""Topology of voxel solids and how to change it: simple points, ordered growth, closing, the nearest solid."""

@@ -54,7 +54,7 @@ def compare(
             b. For volumes only.
         level: of volumes, as for `from_voxels`; of both.
         label: likewise.
-        connectivity: 6 or 26, of both solids; the background has the other one. That of the shapes, or 6, if None.
+        connectivity: 6 or 26, of both solids; the background has the other one. That of the shapes, or 26, if None.
         spacing: size of a voxel, as for `from_voxels`.
         tolerance: distance of surfaces that counts as none in `Comparison.agreement`; a step of the grid if None.
         resolution: cells of the common grid along the longest side, for everything but volumes.

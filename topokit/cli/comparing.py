@@ -43,7 +43,7 @@ def compare(
     ignore: Annotated[str | None, typer.Option(help="Value of the truth that is ignored, or a file of a mask.")] = None,
     level: Annotated[float | None, typer.Option(help="Volumes: inside is above it.")] = None,
     label: Annotated[float | None, typer.Option(help="Volumes: inside are voxels of this value.")] = None,
-    connectivity: Annotated[int | None, typer.Option(help="6 or 26, of both; the default of volumes is 6.")] = None,
+    connectivity: Annotated[int | None, typer.Option(help="6 or 26, of both; the default of volumes is 26.")] = None,
     tolerance: Annotated[float | None, typer.Option(help="Distance of surfaces that counts as none.")] = None,
     resolution: Annotated[int, typer.Option(min=2, help="All but volumes: cells of the common grid.")] = 128,
     html: Annotated[Path | None, typer.Option(help="Write a page with a 3D view of every comparison.")] = None,

@@ -47,7 +47,7 @@ def _feature_lines(found: SolidFeatures, placement: Placement | None) -> tuple[s
     many = found.features[_MOST_TOLD:]
     more = [f"{plural(len(many), 'more feature')}, up to {many[-1].width:.3g} wide."] if many else []
     return (
-        f"At least {found.finest:.3g} wide: {solid} (χ {counts.euler}{rest}).",
+        f"At least {found.finest:.3g} wide: {solid} (χ {counts.euler}{rest}). Widths err by up to {found.error:.1g}.",
         *(_line(one, placement) for one in found.features[:_MOST_TOLD]),
         *more,
     )

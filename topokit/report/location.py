@@ -78,11 +78,10 @@ class LocatedHandle:
     Attributes:
         handle_length: length of the loop around the handle, in units of length.
         tunnel_length: length of the loop around the tunnel.
-        center: middle of the bounding box of both loops.
-        bounds: its lowest and highest corner.
+        center: middle of the box around the loop around the tunnel: on its axis where that is straight.
+        bounds: lowest and highest corner of the box around both loops.
         component: index into the report's `per_component`.
-        tunnel_center: middle of the loop around the tunnel, which lies on the tunnel's axis where that is straight.
-        place: of `tunnel_center` in a volume, else None.
+        place: of `center` in a volume, else None.
         handle_loop: (N, 3), not in JSON.
         tunnel_loop: (M, 3), not in JSON.
     """
@@ -92,7 +91,6 @@ class LocatedHandle:
     center: Corner
     bounds: Box
     component: int
-    tunnel_center: Corner
     place: Place | None
     handle_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
     tunnel_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
@@ -183,9 +181,8 @@ class Location:
 def _handle_line(one: LocatedHandle) -> str:
     unit = _unit(one.place)
     lengths = f"{one.handle_length:.4g}{unit} around the handle, {one.tunnel_length:.4g}{unit} around the tunnel."
-    if one.place is None:
-        return f"Handle at {_at(one.center, one.bounds)}: {lengths}"
-    return f"Tunnel at {one.place}, middle of its loop {_at(one.tunnel_center, one.bounds)}: {lengths}"
+    where = _at(one.center, one.bounds)
+    return f"Tunnel at {where if one.place is None else f'{one.place}, middle of its loop {where}'}: {lengths}"
 
 
 def _unit(place: Place | None, power: str = "") -> str:

@@ -84,10 +84,6 @@ def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:
 
 def located_handles(handles: Sequence[Handle], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:
     """Handles as a report holds them, in a volume with their places in it."""
-    around = [
-        middle((tuple(one.tunnel_loop.min(axis=0).tolist()), tuple(one.tunnel_loop.max(axis=0).tolist())))
-        for one in handles
-    ]
     return tuple(
         LocatedHandle(
             handle_length=one.handle_length,
@@ -95,12 +91,11 @@ def located_handles(handles: Sequence[Handle], placement: Placement | None = Non
             center=one.center,
             bounds=one.bounds,
             component=one.component,
-            tunnel_center=center,
-            place=Place.of(center, placement),
+            place=Place.of(one.center, placement),
             handle_loop=one.handle_loop,
             tunnel_loop=one.tunnel_loop,
         )
-        for one, center in zip(handles, around, strict=True)
+        for one in handles
     )
 
 

@@ -167,6 +167,10 @@ def test_counts_of_stl_that_nobody_filled_in(content: bytes, tmp_path: Path) -> 
         (b"hello", "is text, and STL as text begins with 'solid'"),
         (binary_stl(80)[:60], "has 60 bytes, and the header of a binary .stl file has 84: it is truncated"),
         (binary_stl(0)[:84], "holds no triangles"),
+        (
+            b"solid a\n facet normal 0 0 1\n  endloop\n endfacet\n facet",
+            "'endsolid', after 1 triangles: it is truncated",
+        ),
         (binary_stl(80)[:500], "announces 80 triangles and has bytes for 8: it is truncated"),
     ],
 )

@@ -33,7 +33,7 @@ def hollow(outer: float, inner: float) -> trimesh.Trimesh:
 def features_of(mesh: trimesh.Trimesh, finest: float) -> SolidFeatures:
     surface = surface_of(mesh)
     found = solid_features(signed_distance(surface, finest / CELLS_PER_WIDTH))
-    return SolidFeatures(found, finest, mesh.euler_number)
+    return SolidFeatures(found, finest, mesh.euler_number, 0.0)
 
 
 def test_a_ball_is_one_part_as_thick_as_it_is() -> None:

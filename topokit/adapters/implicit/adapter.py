@@ -198,8 +198,8 @@ class _Settings:
             raise InputError(f"level must be a finite number, got {self.level!r}.")
         if self.resolution < 2 * COARSEST:
             raise InputError(
-                f"resolution is {self.resolution}; it must be at least {2 * COARSEST}, as the first grid of "
-                f"{COARSEST} cells is needed in any case and an answer counts only if finer grids repeat it."
+                f"resolution is {self.resolution}; it must be at least {2 * COARSEST} cells: an answer counts only "
+                "if coarser grids repeat it."
             )
         if self.field_resolution < 8:
             raise InputError(f"field_resolution is {self.field_resolution}; it must be at least 8.")

@@ -119,6 +119,7 @@ class Solid:
             raise InputError(
                 f"the volume has more than the two values of a binary one, from {seen.low:g} to {seen.high:g}: pass ",
                 *(Option("level", "…"), middle, " or, for a labeled volume, ", Option("label", "…")),
+                " (all labels: topokit.from_labels, --labels all).",
             )
         if seen.is_empty:
             above = f"is above the level {self.level or 0:g}"

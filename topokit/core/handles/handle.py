@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.components import Corner
+from topokit.core.components import Corner, corner
 from topokit.core.handles.surgery import Arrays, without_loops
-from topokit.core.loops import middle
 
 if TYPE_CHECKING:
     import trimesh
@@ -47,8 +46,9 @@ class Handle:
 
     @property
     def center(self) -> Corner:
-        """Middle of `bounds`."""
-        return middle(self.bounds)
+        """Middle of the box around `tunnel_loop`: a place in the tunnel, on its axis where that is straight."""
+        low, high = self.tunnel_loop.min(axis=0), self.tunnel_loop.max(axis=0)
+        return corner((low + high) / 2)
 
     @property
     def shorter(self) -> Integers:

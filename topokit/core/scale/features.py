@@ -96,11 +96,13 @@ class SolidFeatures:
         features: narrowest first.
         finest: width from which all are found, in units of length.
         euler: Euler characteristic of the surface with all features, as reported.
+        error: of widths, nearly always at most, in units of length.
     """
 
     features: tuple[Feature, ...]
     finest: float
     euler: int
+    error: float
 
     def above(self, width: float) -> SolidCounts:
         """How many features of each kind are at least so wide.

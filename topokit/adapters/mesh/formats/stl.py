@@ -11,6 +11,7 @@ from topokit.inputs.files import head
 
 _HEADER, _TRIANGLE = 84, 50  # bytes
 _CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")  # letters that text does not have
+_LAST_LINE = 4096  # bytes in which it begins
 _UNKNOWN = (0, 0xFFFFFFFF)  # counts of programs that write triangles as they come, and never go back
 
 
@@ -20,15 +21,28 @@ def _is_binary(path: Path) -> bool:
     return beginning.lstrip()[:5].lower() != b"solid" or b"\0" in beginning
 
 
+def _require_end(path: Path) -> None:
+    """Refuse STL as text without its last line, of which trimesh reads nothing."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _LAST_LINE))
+        if b"endsolid" in file.read().lower():
+            return
+    n_facets = path.read_bytes().lower().count(b"endfacet")
+    raise ReadError(
+        f"{path} does not end with 'endsolid', after {n_facets} triangles: it is truncated. Export it again."
+    )
+
+
 def counted_stl(path: Path) -> Path | io.BytesIO:
     """The file, or its bytes with the right count: where the header leaves it open, or bytes follow the triangles.
 
-    STL as text has no count.
+    STL as text has no count, but a last line.
 
     Raises:
-        ReadError: if the file is text or truncated, or holds fewer triangles than it announces, or more.
+        ReadError: if the file is truncated or not STL, or holds fewer triangles than it announces, or more.
     """
     if not _is_binary(path):
+        _require_end(path)
         return path
     size, start = path.stat().st_size, head(path, _HEADER)
     if start.isascii() and not _CONTROLS.search(start):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 import torch
@@ -74,3 +76,14 @@ def test_what_does_not_fit_is_said() -> None:
         TopologyMetric(n_classes=1)
     with pytest.raises(tk.InputError, match="dimensions"):
         TopologyMetric(dimensions=4)
+
+
+def test_logits_at_the_level_of_probabilities_are_warned_about() -> None:
+    target = torch.ones(1, 1, 4, 4, 4)
+    with pytest.warns(UserWarning, match=r"level=0\.0"):
+        TopologyMetric().update(5 * target, target)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        TopologyMetric(level=0.0).update(5 * target, target)
+        TopologyMetric().update(target, target)
+        TopologyMetric(2).update(torch.cat((-target, 5 * target), 1), target)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import torch
@@ -82,7 +83,16 @@ class TopologyMetric:
 
         Raises:
             InputError: if shapes do not fit.
+
+        Warns:
+            UserWarning: if predictions of masks look like logits, and `level` is one of probabilities.
         """
+        if self.n_classes is None and 0 < self.level < 1 and any(map(_are_logits, preds)):
+            warnings.warn(
+                f"predictions below 0 or above 1 are no probabilities, and count as inside above {self.level}: for "
+                "logits pass TopologyMetric(level=0.0).",
+                stacklevel=2,
+            )
         items = list(zip(*(self._classes(*one) for one in ((preds, self.level), (target, 0.5))), strict=True))
         for predicted, true in items:
             if predicted.shape != true.shape:
@@ -173,3 +183,8 @@ class TopologyMetric:
         elif self.n_classes is None and item.dtype != torch.bool and self.ignore_index is None:
             item = item > 0
         return item if self.dimensions == 3 else item[..., None]
+
+
+def _are_logits(prediction: Tensor) -> bool:
+    values = torch.as_tensor(prediction)
+    return values.is_floating_point() and bool(((values < 0) | (values > 1)).any())

@@ -131,3 +131,8 @@ def test_plug_ins_find_what_they_need() -> None:
 
     assert callable(head)
     assert callable(reading)
+
+
+def test_a_shape_is_no_array() -> None:
+    with pytest.raises(tk.InputError, match=r"save\(\)"):
+        np.asarray(tk.from_mesh(torus_mesh()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
 import torch
 from torch import Tensor
@@ -122,6 +122,12 @@ class Shape:
             if attribute in dir(type(self)):  # a property that failed: its own error is the one to show
                 return object.__getattribute__(self, attribute)
             raise AttributeError(no_attribute("a Shape", attribute, dir(type(self)), facts.OTHER_WORDS), name=attribute)
+
+    def __array__(self, *args: object, **kwargs: object) -> NoReturn:
+        """Refused: NumPy would make an array without axes of any object."""
+        raise InputError(
+            f"{self.name} is a shape, not an array: take samples.points or field.volume, or write a file with save()."
+        )
 
     def __repr__(self) -> str:
         counted = "" if self._known.counted_so_far is None else "counted, "

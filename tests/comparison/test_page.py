@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import opened_page
+from browser import opened_browser, page_in
 from typer.testing import CliRunner
 
 import topokit as tk
@@ -33,7 +33,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_a_click_finds_what_differs(tmp_path: Path) -> None:
     tk.compare(PREDICTION, TRUTH).save_html(tmp_path / "page.html")
-    with opened_page() as (page, complaints):
+    with opened_browser() as browser, page_in(browser) as (page, complaints):
         page.goto((tmp_path / "page.html").as_uri())
         page.wait_for_selector("#canvas[data-target]")
         assert [page.locator("#legend").text_content()] == ["Solidtruth onlybothjudged only"]

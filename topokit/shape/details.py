@@ -50,7 +50,7 @@ def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> Topo
         solid = enclosed_solid(*shape.mesh)
         seconds = time.perf_counter() - started
         rows.append(Evidence("solid by winding number", float(solid.euler), solid.euler, seconds))
-        if not report.closed or overlaps(solid.off_level):
+        if not report.closed or overlaps(solid.off_level) or solid.euler != report.euler:
             reasons = (*reasons, _solid_sentence(solid, report.closed))
     if (levels := level_range(shape)) is not None:
         reasons = (
@@ -79,6 +79,8 @@ def _solid_sentence(solid: EnclosedSolid, closed: bool) -> str:
     )
     if not closed:
         return f"{surface} χ = {solid.euler}."
+    if not overlaps(solid.off_level):
+        return f"{surface} χ = {solid.euler}: parts of the mesh overlap, or features are narrower than two steps."
     return (
         f"{surface} χ = {solid.euler}; {solid.off_level:.0%} of the area lies off that surface: the mesh intersects or "
         "overlaps itself."

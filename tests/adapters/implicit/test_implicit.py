@@ -218,7 +218,7 @@ def test_bounds_are_checked(bounds: Any) -> None:
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        ({"resolution": 64}, "^resolution is 64; it must be at least 128.* the first grid of 64 cells"),
+        ({"resolution": 64}, "^resolution is 64; it must be at least 128 cells: .* if coarser grids repeat it"),
         ({"batch_size": 0}, "^batch_size is 0; it must be from 1 to 65536"),
         ({"batch_size": 1 << 17}, "^batch_size is 131072; it must be from 1 to 65536"),
         ({"n_samples": 20}, "^n_samples is 20; it must be larger than n_neighbors"),

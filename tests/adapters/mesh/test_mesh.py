@@ -352,6 +352,15 @@ def test_overlapping_parts_are_said_with_the_solid_they_make() -> None:
     assert solid.integer == 2
 
 
+def test_parts_that_barely_overlap_are_said_though_little_area_is_inside() -> None:
+    vertices, faces = icosphere(3)
+    beside = vertices + np.array([1.9, 0, 0])
+    pair = np.concatenate((vertices, beside)), np.concatenate((faces, faces + len(vertices)))
+    report = tk.from_mesh(pair).report(details=True)
+    assert report.euler == 4
+    assert any("χ = 2: parts of the mesh overlap" in reason for reason in report.reasons)
+
+
 def test_soups_and_punctured_meshes_have_the_solid_as_second_evidence() -> None:
     vertices, faces = torus_mesh(40, 20)
     report = tk.from_mesh((vertices, faces[7:])).report(details=True)

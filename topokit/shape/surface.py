@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,7 +50,10 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
 
 
 def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
-    """The curves along which a shape's surface ends, longest first; see `Shape.boundaries`."""
+    """The curves along which a shape's surface ends, longest first; see `Shape.boundaries`.
+
+    Those of samples are as long as curves smoothed over three spacings, since points of a rim lie in a zigzag.
+    """
     if shape.mesh is not None:
         return mesh_boundary(*mesh_arrays(shape.mesh))
     if shape.counted is not None:
@@ -61,7 +65,10 @@ def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
         )
     found = shape._known.examination()
     points = found.samples.points.cpu().double().numpy()
-    return tuple(BoundaryLoop.through(points, curve.index.numpy()) for curve in found.boundary.curves)
+    return tuple(
+        replace(BoundaryLoop.through(points, curve.index.numpy()), length=curve.length)
+        for curve in found.boundary.curves
+    )
 
 
 def found_surface(shape: Shape) -> TriangleSurface | None:

@@ -77,6 +77,8 @@ def test_reports_locate_the_boundary() -> None:
     sentence = next(reason for reason in report.reasons if "not closed" in reason)
     length = float(sentence.split("of total length ")[1].split(",")[0])
     assert length == pytest.approx(2 * math.pi, rel=0.05)
+    [rim] = tk.from_points(known.points, known.normals).boundaries()
+    assert rim.length == pytest.approx(length, rel=1e-3)
     low = sentence.split("between (")[1].split(")")[0].split(", ")
     assert float(low[0]) == pytest.approx(-1, abs=0.05)
     assert float(low[2]) == pytest.approx(0, abs=0.1)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal, TextIO
 
 import typer
@@ -39,7 +38,7 @@ def answer_files(
     request: Request,
     make_writer: MakeWriter,
     *,
-    asked: Mapping[str, Any] = MappingProxyType({}),
+    asked: dict[str, Any] | None = None,
     with_report: bool = True,
     output: Path | None = None,
     resume: Journal | None = None,
@@ -54,7 +53,7 @@ def answer_files(
         opener: opens them.
         request: how to examine them.
         make_writer: the form of the results, for a stream and what was found.
-        asked: keywords of `Shape.report`.
+        asked: keywords of `Shape.report`; none by default.
         with_report: whether the writer needs reports besides rows.
         output: file to write to instead of standard output.
         resume: that file, of JSON lines, to add those files to that are not in it.
@@ -63,7 +62,7 @@ def answer_files(
         check: may turn an answer into a failure.
     """
     page: Literal["full", "light"] | None = None if html is None else "light" if light else "full"
-    questions = Questions(opener, request.chosen_labels, asked, with_report, page)
+    questions = Questions(opener, request.chosen_labels, asked or {}, with_report, page)
     has_failed = had_failed = False
 
     def shown(

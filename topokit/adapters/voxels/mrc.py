@@ -51,14 +51,12 @@ def _placement(header: Any) -> Placement | None:
     axes = [int(header[name]) - 1 for name in ("maps", "mapr", "mapc")]
     if sorted(axes) != [0, 1, 2]:
         return None
-    cell, n_steps, origin = (
-        np.array([float(part) for part in (header[name].tolist() if name else (header.mx, header.my, header.mz))])
-        for name in ("cella", "", "origin")
-    )
+    counts = np.array([header.mx, header.my, header.mz], dtype=float)
+    cell, origin = (np.array(header[name].tolist(), dtype=float) for name in ("cella", "origin"))
     with np.errstate(divide="ignore", invalid="ignore"):
-        steps = cell / n_steps
+        steps = cell / counts
     starts = np.empty(3)
-    starts[axes] = [float(header[name]) for name in ("nzstart", "nystart", "nxstart")]
+    starts[axes] = [header.nzstart, header.nystart, header.nxstart]
     affine = np.eye(4)
     affine[:3, :3] = (np.eye(3) * steps)[:, axes]
     affine[:3, 3] = origin if origin.any() else starts * steps

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.reading import most_expanded, reading, require_bytes, require_expansion
 
-TRIANGLES = b"\xff\xff\xfe"
+_TRIANGLES = b"\xff\xff\xfe"
 """How a surface of triangles of FreeSurfer begins."""
 
 _MOST_AXES = 6  # of an array, in the definition of GIFTI
@@ -73,10 +73,10 @@ def read_freesurfer(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]
 def _check_counts(path: Path) -> None:
     """Refuse a surface of FreeSurfer of another kind, and one that announces more than the file holds."""
     with path.open("rb") as file:
-        if (start := file.read(3)) != TRIANGLES:
-            raise ReadError(f"{path} begins with {start!r}, and a surface of FreeSurfer with {TRIANGLES!r}.")
-        for _ in ("who wrote it", "an empty line"):
-            file.readline()
+        if (start := file.read(3)) != _TRIANGLES:
+            raise ReadError(f"{path} begins with {start!r}, and a surface of FreeSurfer with {_TRIANGLES!r}.")
+        file.readline()  # who wrote it
+        file.readline()  # empty
         n_vertices, n_faces = np.frombuffer(file.read(8), ">i4").tolist()
         what, size = f"{n_vertices} vertices and {n_faces} triangles", path.stat().st_size
         require_bytes(path, what, 12 * (abs(n_vertices) + abs(n_faces)), size - file.tell())

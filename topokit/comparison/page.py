@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from topokit.export.picture import picture_of
 from topokit.export.scene import Mark, Scene, simplified, view_step
 from topokit.pages.document import Entry
-from topokit.pages.fragment import PAGES, Fragment, pack, webp
+from topokit.pages.fragment import PAGES, Fragment
 from topokit.report.report import environment
 
 if TYPE_CHECKING:
@@ -24,7 +23,6 @@ COLUMNS = (
 """Key and heading of the columns of a table of comparisons; 0, 1 and 2 are parts, tunnels and cavities."""
 
 _MOST_FACES = 60_000  # triangles of a view: about half a megabyte
-_THUMBNAIL = 144  # pixels along a thumbnail
 _LEGEND = ("Solid", "truth only", "both", "judged only")
 
 
@@ -39,8 +37,7 @@ def entry_of(found: Comparison, name: str) -> Entry:
         "reason": "".join(map(str, found.features[:1])),
     }
     details = environment(PAGES).get_template("comparison.html").render(found=found, note=scene and scene.note)
-    thumbnail = None if scene is None else webp(picture_of(scene, _THUMBNAIL))
-    return Entry(name, Fragment(facts, details, thumbnail, None if scene is None else pack(scene)))
+    return Entry(name, Fragment.of(facts, details, scene))
 
 
 def _scene(found: Comparison, marks: tuple[Mark, ...]) -> Scene | None:

@@ -47,6 +47,13 @@ class Fragment:
     thumbnail: bytes | None
     scene: bytes | None
 
+    @classmethod
+    def of(cls, facts: dict[str, Any], details: str, scene: Scene | None) -> Fragment:
+        """The fragment with the picture and the geometry of a scene, if there is one."""
+        if scene is None:
+            return cls(facts, details, None, None)
+        return cls(facts, details, webp(picture_of(scene, _THUMBNAIL)), pack(scene))
+
 
 def page_of(
     shape: Shape,
@@ -73,12 +80,7 @@ def page_of(
             note = scene.note
         except TopokitError as error:
             note = f"There is no view of this shape: {error}"
-    return Fragment(
-        facts=_facts(report),
-        details=_details(report, marks, note),
-        thumbnail=None if scene is None else webp(picture_of(scene, _THUMBNAIL)),
-        scene=None if scene is None else pack(scene),
-    )
+    return Fragment.of(_facts(report), _details(report, marks, note), scene)
 
 
 def _facts(report: TopologyReport) -> dict[str, Any]:

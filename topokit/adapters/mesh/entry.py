@@ -26,6 +26,9 @@ FINITE_ELEMENTS = {
     ".ugrid": "ugrid",
 }
 
+FREESURFER_START = b"\xff\xff\xfe"
+"""How a surface of triangles of FreeSurfer begins."""
+
 _FREESURFER = (".white", ".pial", ".smoothwm", ".inflated", ".sphere")  # lh.white, rh.pial, …
 
 
@@ -67,7 +70,7 @@ FORMATS = (
         *("GIFTI", (".gii",), lambda path, start: b"<GIFTI" in start[:4096], f"{_BRAIN}:read_gifti"),
         requires=("nibabel",),
     ),
-    Format(*("FreeSurfer", _FREESURFER, begins(b"\xff\xff\xfe"), f"{_BRAIN}:read_freesurfer"), requires=("nibabel",)),
+    Format(*("FreeSurfer", _FREESURFER, begins(FREESURFER_START), f"{_BRAIN}:read_freesurfer"), requires=("nibabel",)),
 )
 
 MESH = Adapter(

@@ -20,7 +20,7 @@ Labels = NDArray[np.int32]
 
 
 @compiled
-def root_of(parents: Labels, node: int) -> int:
+def root_of(parents: Labels | Integers, node: int) -> int:
     """The root of a node; the way there is shortened."""
     while parents[node] != node:
         parents[node] = parents[parents[node]]

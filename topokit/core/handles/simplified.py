@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.blocks.planes import root_of
 from topokit.core.handles.cycle_basis import edge_graph
 from topokit.core.handles.small_loops import small_loops
 from topokit.core.handles.surgery import Arrays, counted_cut, cut_and_capped, edges_of
@@ -147,17 +148,10 @@ def _not_separating(faces: Integers, rings: list[Ring]) -> list[Ring]:
         own[ring.vertices] = number
     edge_of = np.zeros(len(rings), dtype=np.int64)
     edge_of[own[faces.ravel()[mesh.twins[0][is_cut]]]] = np.flatnonzero(is_cut)
-    parent = list(range(int(labels.max()) + 1))
-
-    def root(label: int) -> int:
-        while parent[label] != label:
-            parent[label] = parent[parent[label]]
-            label = parent[label]
-        return label
-
+    parent = np.arange(int(labels.max()) + 1)
     kept = []
     for ring, edge in zip(reversed(rings), edge_of[::-1].tolist(), strict=True):
-        first, second = root(int(labels[left[edge]])), root(int(labels[right[edge]]))
+        first, second = (root_of(parent, labels[half[edge]]) for half in (left, right))
         if first == second:
             kept.append(ring)
         parent[first] = second

@@ -12,6 +12,7 @@ import numpy as np
 
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
+from topokit.core.blocks.planes import root_of
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, component, n_touching, touching
 
 
@@ -94,16 +95,13 @@ def joins(inside: Counts, labels: Integers, voxels: Indices, around: Integers, c
         voxel = voxels[row]
         code = code_at(inside, voxel, around)
         left, own, is_loop = touching(code, connectivity), len(parent) - 1 - row, False
-        roots = [np.int64(0) for _ in range(0)]
+        roots = [0 for _ in range(0)]
         while left:
             one = left & -left
             bit = 0
             while one >> bit > 1:
                 bit += 1
-            root = labels[voxel + around[bit]]
-            while parent[root] != root:
-                parent[root] = parent[parent[root]]
-                root = parent[root]
+            root = root_of(parent, labels[voxel + around[bit]])
             is_loop |= root in roots
             roots.append(root)
             left &= ~component(code, one, connectivity)

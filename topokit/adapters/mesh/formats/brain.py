@@ -10,11 +10,9 @@ from xml.parsers.expat import ExpatError, ParserCreate
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.mesh.entry import FREESURFER_START
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.reading import most_expanded, reading, require_bytes, require_expansion
-
-_TRIANGLES = b"\xff\xff\xfe"
-"""How a surface of triangles of FreeSurfer begins."""
 
 _MOST_AXES = 6  # of an array, in the definition of GIFTI
 _STEP = 1 << 20  # bytes decompressed at a time
@@ -73,8 +71,8 @@ def read_freesurfer(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]
 def _check_counts(path: Path) -> None:
     """Refuse a surface of FreeSurfer of another kind, and one that announces more than the file holds."""
     with path.open("rb") as file:
-        if (start := file.read(3)) != _TRIANGLES:
-            raise ReadError(f"{path} begins with {start!r}, and a surface of FreeSurfer with {_TRIANGLES!r}.")
+        if (start := file.read(3)) != FREESURFER_START:
+            raise ReadError(f"{path} begins with {start!r}, and a surface of FreeSurfer with {FREESURFER_START!r}.")
         file.readline()  # who wrote it
         file.readline()  # empty
         n_vertices, n_faces = np.frombuffer(file.read(8), ">i4").tolist()

@@ -8,7 +8,7 @@ import torch
 import trimesh
 
 import topokit as tk
-from topokit.pairs import matched_files
+from topokit.pairs.files import matched_files
 from topokit.testing import torus_mesh, torus_samples
 
 RING = np.zeros((12, 12, 5), np.uint8)
@@ -51,7 +51,7 @@ def test_grids_of_volumes_have_to_be_the_same(tmp_path) -> None:
     with pytest.raises(tk.InputError, match=r"\(1.0, 1.0, 1.0\).*\(2.0, 2.0, 2.0\).*spacing="):
         tk.compare(tmp_path / "a.nii.gz", tmp_path / "b.nii.gz")
     assert tk.compare(tmp_path / "a.nii.gz", tmp_path / "b.nii.gz", spacing=1).is_same
-    assert [row[0] for row in matched_files(tmp_path, tmp_path)] == ["a", "b"]
+    assert [source.name for source in matched_files(tmp_path, tmp_path)] == ["a", "b"]
 
 
 def test_places_are_those_of_the_scanner(tmp_path) -> None:

@@ -29,7 +29,7 @@ from .errors import (
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
-from .pairs import compare, compare_labels
+from .pairs.compare import compare, compare_labels
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .questions import euler, genus, report

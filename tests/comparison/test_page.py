@@ -58,7 +58,7 @@ def test_colors_tell_whose_a_place_is() -> None:
 def test_the_command_writes_a_page_beside_its_lines(files: tuple[Path, Path], tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     found = CliRunner().invoke(app, ["compare", *map(str, files), "--json", "--html", str(page)])
-    assert (found.exit_code, json.loads(found.stdout)["missing"]) == (0, [0, 1, 0])
+    assert (found.exit_code, json.loads(found.stdout)[0]["missing"]) == (0, [0, 1, 0])
     text = page.read_text(encoding="utf-8")
     assert "missing filled tunnel" in text
     assert '<th data-key="spurious1">spurious 1</th>' in text

@@ -122,7 +122,8 @@ class Journal:
 def stamps_of(sources: Iterable[Source]) -> dict[str, Stamp]:
     """By the name of each source its real path, size in bytes and time of its last change in nanoseconds.
 
-    Of a folder, such as a zarr volume, size and time are those of all files in it. An address is known by itself alone.
+    Of a folder, such as a zarr volume, size and time are those of all files in it, and those of files beside a source
+    count, too. An address is known by itself alone.
     """
     return {source.name: _stamp(source) for source in sources}
 
@@ -130,10 +131,13 @@ def stamps_of(sources: Iterable[Source]) -> dict[str, Stamp]:
 def _stamp(source: Source) -> Stamp:
     if isinstance(source.path, str):
         return {"path": name_as_data(source.path)}
-    found = [status for place in _files(source.path) if (status := _status(place)) is not None]
-    real = os.path.realpath(source.path) if source.name == str(source.path) else source.name
+    places = [place for path in (source.path, *source.beside) for place in _files(path)]
+    found = [status for place in places if (status := _status(place)) is not None]
+    is_path = source.name == str(source.path) or source.beside
+    real = os.path.realpath(source.path) if is_path else source.name
     size, changed = sum(status.st_size for status in found), max((status.st_mtime_ns for status in found), default=None)
-    return {"path": name_as_data(real), "size": size, "changed": changed}
+    beside = [name_as_data(os.path.realpath(path)) for path in source.beside]
+    return {"path": name_as_data(real), "size": size, "changed": changed} | ({"beside": beside} if beside else {})
 
 
 def _files(path: Path) -> Iterable[str | Path]:

@@ -33,12 +33,14 @@ class Source:
         name: what to call it in results.
         problem: why there is nothing to examine, or None.
         shape: in memory, or None.
+        beside: other files that its answers depend on, such as the truth that it is compared with.
     """
 
     path: Path | str
     name: str
     problem: str | None = None
     shape: Shape | None = None
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -33,16 +33,35 @@ def examine_each(
         limits: on each file.
         client: a `dask.distributed.Client`, whose workers examine the files instead; or None.
     """
-    ask: Callable[[Source], list[Answer]] = partial(examine, questions=questions)
-    without_bar = partial(_without_bar, ask)
-    jobs = jobs or n_cores()
     if client is not None:
         yield from _on_cluster(sources, questions, limits, client)
-    elif (jobs == 1 and not limits) or not sources:
-        yield from enumerate(map(ask, sources))
     else:
-        with closing(map_in_processes(without_bar, sources, min(jobs, len(sources)), _after_death, limits)) as coming:
-            yield from coming
+        yield from ask_each(partial(examine, questions=questions), sources, jobs, _after_death, limits)
+
+
+def ask_each(
+    ask: Callable[[Source], Item],
+    sources: Sequence[Source],
+    jobs: int,
+    after_death: Callable[[Source, str], Item],
+    limits: Limits = NO_LIMITS,
+) -> Generator[tuple[int, Item]]:
+    """What is asked of each source, with its number, as it is known: in order if this process does it.
+
+    Args:
+        ask: function of a module, so that other processes can import it.
+        sources: files.
+        jobs: as for `examine_each`.
+        after_death: gives, for the source whose process died and the reason, the answer in its place.
+        limits: on each file.
+    """
+    jobs = jobs or n_cores()
+    if (jobs == 1 and not limits) or not sources:
+        yield from enumerate(map(ask, sources))
+        return
+    alone = partial(_without_bar, ask)
+    with closing(map_in_processes(alone, sources, min(jobs, len(sources)), after_death, limits)) as coming:
+        yield from coming
 
 
 def in_order(coming: Iterable[tuple[int, Item]]) -> Iterator[tuple[int, Item]]:
@@ -78,7 +97,7 @@ def _on_cluster(
         yield number, examine(found[number], by_all)
 
 
-def _without_bar(ask: Callable[[Source], list[Answer]], source: Source) -> list[Answer]:
+def _without_bar(ask: Callable[[Source], Item], source: Source) -> Item:
     """What is asked of a source; the bars of many workers would overlap."""
     with listening(ignore):
         return ask(source)

@@ -33,22 +33,20 @@ Limit = float | None
 
 
 @dataclass(frozen=True)
-class Request:
-    """How to examine many files."""
+class Work:
+    """How to examine many files, whatever is asked about them."""
 
-    format: Format = None
     labels: Annotated[str | None, typer.Option(metavar="all|1,2,…", help=_LABELS)] = None
     jobs: Annotated[
         int | None, typer.Option("-j", "--jobs", min=0, help="Processes; 0 is one for each core.", show_default="1")
     ] = None
-    cluster: Annotated[str | None, typer.Option(metavar="ADDRESS|local", help=_CLUSTER)] = None
     time_limit: Annotated[Limit, typer.Option(metavar="SECONDS", min=0.1, help="The most that a file may take.")] = None
     memory_limit: Annotated[
         Limit, typer.Option(metavar="GIB", min=0.1, help="The most memory that a file may take.")
     ] = None
-    fail_on: Annotated[list[str] | None, typer.Option(metavar="CONDITION", help=_FAIL_ON)] = None
     keep_going: Annotated[bool, typer.Option("--keep-going/--fail-fast", help="Go on after a failure, or stop.")] = True
     verbose: Annotated[bool, typer.Option("-v", "--verbose", help="All reasons, and more on standard error.")] = False
+    fail_on: Annotated[list[str] | None, typer.Option(metavar="CONDITION", help=_FAIL_ON)] = None
 
     def __post_init__(self) -> None:
         _ = self.conditions, self.chosen_labels  # usage errors come first
@@ -60,14 +58,14 @@ class Request:
 
     @property
     def n_jobs(self) -> int:
-        """Number of processes: by default one here, and one for each core of a local cluster."""
-        return int(self.cluster is None) if self.jobs is None else self.jobs
+        """Number of processes: by default one here."""
+        return 1 if self.jobs is None else self.jobs
 
     @cached_property
     def conditions(self) -> list[Condition]:
         """What makes the exit code 1."""
         try:
-            return parse_conditions(self.fail_on or ())
+            return self._parsed(self.fail_on or ())
         except ValueError as error:
             raise typer.BadParameter(f"--fail-on: {error}") from error
 
@@ -82,6 +80,22 @@ class Request:
             raise typer.BadParameter(
                 f"--labels is {self.labels!r}; expected all, or integers with commas between them."
             ) from error
+
+    def _parsed(self, texts: Sequence[str]) -> list[Condition]:
+        return parse_conditions(texts)
+
+
+@dataclass(frozen=True)
+class Request(Work):
+    """How to examine many files that are opened as shapes."""
+
+    format: Format = None
+    cluster: Annotated[str | None, typer.Option(metavar="ADDRESS|local", help=_CLUSTER)] = None
+
+    @property
+    def n_jobs(self) -> int:
+        """Number of processes: by default one here, and one for each core of a local cluster."""
+        return int(self.cluster is None) if self.jobs is None else self.jobs
 
 
 def is_same(output: Path, source: Source) -> bool:

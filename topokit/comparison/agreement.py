@@ -53,23 +53,27 @@ def agreement(
     from skimage.metrics import variation_of_information
     from skimage.morphology import skeletonize
 
-    sizes = int(first.sum()), int(second.sum())
-    dice = 1.0 if not any(sizes) else 2 * int((first & second).sum()) / sum(sizes)
-    if not all(sizes):
-        return Agreement(dice, None, None, None, None, tolerance)
+    if not (first.any() and second.any()):
+        return Agreement(dice(first, second), None, None, None, None, tolerance)
     pairs = ((first, second), (second, first))
     centered = [other[skeletonize(np.pad(own, 1))[1:-1, 1:-1, 1:-1] > 0] for own, other in pairs]
     shares = [float(inside.mean()) if len(inside) else 0.0 for inside in centered]
     distances = _surface_distances(first, second, spacing)
     split, merge = variation_of_information(parts[1], parts[0])
     return Agreement(
-        dice,
+        dice(first, second),
         (2 * shares[0] * shares[1] / sum(shares) if sum(shares) else 0.0) if all(map(len, centered)) else None,
         float((np.concatenate(distances) <= tolerance).mean()),
         max(float(np.percentile(one, 95)) for one in distances),
         (float(split), float(merge)),
         tolerance,
     )
+
+
+def dice(first: Booleans, second: Booleans) -> float:
+    """2 |a ∩ b| / (|a| + |b|) of two solids; 1 if both are empty."""
+    size = int(first.sum()) + int(second.sum())
+    return 2 * int((first & second).sum()) / size if size else 1.0
 
 
 def _surface_distances(first: Booleans, second: Booleans, spacing: Spacing) -> tuple[Floats, Floats]:

@@ -33,7 +33,7 @@ def entry_of(found: Comparison, name: str) -> Entry:
     numbers = {f"{what}{k}": getattr(found, what)[k] for what in ("matched", "missing", "spurious") for k in range(3)}
     facts = numbers | {
         "verdict": "same" if found.is_same else "different",
-        "dice": f"{found.agreement.dice:.3f}",
+        "dice": f"{found.solids.dice:.3f}",
         "reason": "".join(map(str, found.features[:1])),
     }
     details = environment(PAGES).get_template("comparison.html").render(found=found, note=scene and scene.note)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from topokit.comparison.agreement import Agreement, agreement
+from topokit.comparison.agreement import Agreement, agreement, dice
 from topokit.comparison.result import Bounds, Comparison, Difference, Kind
 from topokit.core.arrays import Booleans
 from topokit.core.comparison.pair import SolidPair
@@ -110,6 +110,11 @@ class ComparedSolids:
             for side in (1, 0)
             for one in search(side)
         )
+
+    @property
+    def dice(self) -> float:
+        """Of both."""
+        return dice(self.pair.first, self.pair.second)
 
     def agreement(self) -> Agreement:
         """Overlap and surface distance."""

@@ -1,11 +1,10 @@
-"""Two sources compared: `topokit.compare(prediction, truth)`, label by label, and folders matched by name."""
+"""Two sources compared: `topokit.compare(prediction, truth)`, also label by label."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -147,23 +146,6 @@ def compare_labels(
             names=names,
         )
     return found
-
-
-def matched_files(a: Path, b: Path) -> Iterator[tuple[str, Path | None, Path | None]]:
-    """The files of two folders by their names without suffix, sorted: name, the file in a, and that in b, if there.
-
-    Raises:
-        InputError: if two files in one folder have the same name.
-    """
-    found: tuple[dict[str, Path], dict[str, Path]] = {}, {}
-    for folder, named in zip((a, b), found, strict=True):
-        for path in sorted(path for path in folder.iterdir() if not path.name.startswith(".")):
-            name = Path(path.stem).stem if path.suffix.lower() == ".gz" else path.stem
-            if name in named:
-                raise InputError(f"{folder} has both {named[name].name} and {path.name}: files are matched by name.")
-            named[name] = path
-    for name in sorted(found[0].keys() | found[1].keys()):
-        yield name, found[0].get(name), found[1].get(name)
 
 
 def _is_volume(source: Any) -> bool:

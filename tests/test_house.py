@@ -27,7 +27,7 @@ FLOORS = [
 ]
 CORE_FLOORS = [
     {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
-    | {"processors", "progress", "surface", "loops", "precision", "residence", "removal"},
+    | {"processors", "progress", "surface", "loops", "precision", "residence", "removal", "persistence"},
     {"local", "grid"},
     {"blocks"},
     {"cloud", "mesh", "homotopy", "comparison"},

@@ -11,6 +11,7 @@ import topokit as tk
 from topokit.pairs.files import matched_files
 from topokit.testing import torus_mesh, torus_samples
 
+MATCHINGS = "betti-matching", "invariant"
 RING = np.zeros((12, 12, 5), np.uint8)
 RING[2:10, 2:10, 1:4] = 1
 RING[5:7, 5:7] = 0
@@ -73,6 +74,26 @@ def test_places_are_those_of_the_scanner(tmp_path) -> None:
         assert hole.place.world == pytest.approx((40 - 2 * 4, -50 + 5, 7 + 3 * k), abs=1.6)
         assert "mm RAS" in found.text()
         assert found.to_dict()["features"][0]["place"]["unit"] == "mm"
+
+
+def test_betti_matching_is_what_the_official_program_counts() -> None:
+    generator = np.random.default_rng(3)
+    values = generator.random((9, 10, 11))
+    truth, predicted = values + 0.25 * generator.random(values.shape) > 0.54, values > 0.45
+    found, invariant = (tk.compare(predicted, truth, connectivity=6, matching=how) for how in MATCHINGS)
+    assert (invariant.matched, found.matched) == ((6, 51, 0), (6, 53, 0))  # 53: see tests/core/comparison
+    assert found.spurious[1] == found.betti_a[1] - 53
+    assert [one.kind for one in found.features] == [one.kind for one in invariant.features]
+    assert "depend on the position" in found.notes[0]
+    shapes = [tk.from_voxels(one) for one in (predicted, truth)]
+    assert shapes[0].compare(shapes[1], matching="betti-matching").matched == (6, 53, 0)
+    labels = tk.compare_labels(predicted * 4, truth * 4, matching="betti-matching")
+    assert labels[4].matched == (6, 53, 0)
+    assert labels[4].to_dict(places=False)["matching"] == "betti-matching"
+    with pytest.raises(tk.InputError, match="pass connectivity=6"):
+        tk.compare(predicted, truth, connectivity=26, matching="betti-matching")
+    with pytest.raises(tk.InputError, match="was expected"):
+        tk.compare(predicted, truth, matching="hungarian")
 
 
 def test_a_row_for_each_label() -> None:

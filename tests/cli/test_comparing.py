@@ -55,6 +55,14 @@ def test_labels_and_what_is_ignored(folders) -> None:
     assert [(row["file"], row["label"], row["missing1"]) for row in rows] == [("filled", "1", "0"), ("same", "1", "0")]
 
 
+def test_betti_matching_on_the_command_line(folders) -> None:
+    pairs = folders / "pred", folders / "truth"
+    found = run(*pairs, "--csv", "--matching", "betti-matching")
+    assert [row["missing1"] for row in csv.DictReader(io.StringIO(found.stdout))] == ["1", "0"]
+    refused = run(*pairs, "--matching", "betti-matching", "--connectivity", "26")
+    assert (refused.exit_code, "pass --connectivity 6" in refused.stderr) == (1, True)
+
+
 def test_a_file_without_partner_and_wrong_usage(folders) -> None:
     (folders / "truth" / "same.npy").unlink()
     found = run(folders / "pred", folders / "truth", "--csv")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TextIO
+from typing import Annotated, Any, Literal, TextIO
 
 import typer
 
@@ -32,6 +32,7 @@ from topokit.pairs.files import (
     numbers_of,
 )
 
+Matching = Literal["invariant", "betti-matching"]  # as in comparison.result, which the command loads only when it runs
 _FAIL_ON = "Exit with 1 if a comparison meets it, such as 'spurious1>0'. May be repeated."
 
 
@@ -62,6 +63,9 @@ def compare(
     level: Annotated[float | None, typer.Option(help="Volumes: inside is above it.")] = None,
     label: Annotated[float | None, typer.Option(help="Volumes: inside are voxels of this value.")] = None,
     connectivity: Annotated[int | None, typer.Option(help="6 or 26, of both; the default of volumes is 26.")] = None,
+    matching: Annotated[
+        Matching, typer.Option(help="How features are matched; betti-matching depends on the grid's orientation.")
+    ] = "invariant",
     tolerance: Annotated[float | None, typer.Option(help="Distance of surfaces that counts as none.")] = None,
     resolution: Annotated[int, typer.Option(min=2, help="All but volumes: cells of the common grid.")] = 128,
     output: Annotated[
@@ -78,6 +82,7 @@ def compare(
 ) -> None:
     """Which parts (0), tunnels (1) and cavities (2) match the truth, which are missing or spurious, and where."""
     options: dict[str, Any] = {"connectivity": connectivity, "tolerance": tolerance, "ignore": _ignored(ignore)}
+    options |= {} if matching == "invariant" else {"matching": matching}
     if work.labels is None:
         options |= {"level": level, "label": label, "resolution": resolution}
     elif level is not None or label is not None:

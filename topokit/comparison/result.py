@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from topokit.comparison.solids import ComparedSolids
 
 Bounds = tuple[Corner, Corner]
+Matching = Literal["invariant", "betti-matching"]
 Spurious = Literal["extra part", "split part", "hole", "bridge", "bubble", "split cavity", "sealed cavity"]
 Missing = Literal[
     "lost part", "merged part", "filled tunnel", "broken loop", "filled cavity", "merged cavity", "opened cavity"
@@ -81,11 +82,12 @@ class Comparison:
     """The topology of a solid a, compared with a true solid b on the same grid.
 
     All triples are (parts, tunnels, cavities). What matches is the dimension of im H_k(a) ∩ im H_k(b) in H_k(a ∪ b), as
-    docs/comparing.md explains.
+    docs/comparing.md explains, unless Betti matching was asked for.
 
     Attributes:
         names: of a and b.
         connectivity: 6 or 26, that of both solids.
+        matching: how `matched` was counted; places are always those of the invariant matching.
         resolution: step of the common grid on which two shapes were sampled; None for volumes, which are compared
             voxel by voxel.
         betti_a: numbers of a.
@@ -97,6 +99,7 @@ class Comparison:
 
     names: tuple[str, str]
     connectivity: int
+    matching: Matching
     resolution: float | None
     betti_a: Betti
     betti_b: Betti
@@ -130,8 +133,10 @@ class Comparison:
 
     @property
     def is_same(self) -> bool:
-        """Whether nothing is missing and nothing is spurious."""
-        return not any(self.betti_matching_error)
+        """Whether nothing is missing and nothing is spurious, by an invariant matching."""
+        return not any(self.betti_matching_error) and (
+            self.matching == "invariant" or self.solids.pair.numbers.matched == self.matched
+        )
 
     @property
     def title(self) -> str:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import get_args
 
 import numpy as np
 
 from topokit.comparison.agreement import Agreement, agreement, dice
-from topokit.comparison.result import Bounds, Comparison, Difference, Kind
+from topokit.comparison.result import Bounds, Comparison, Difference, Kind, Matching
 from topokit.core.arrays import Booleans
 from topokit.core.comparison.pair import SolidPair
 from topokit.core.comparison.places import Box, Found, Places
+from topokit.core.comparison.tie_broken import betti_matched
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.placement import Placement
 from topokit.core.loops import middle
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.report.location import Place
 
 _KINDS: tuple[dict[tuple[int, str], Kind], dict[tuple[int, str], Kind]] = (
@@ -38,6 +40,10 @@ _KINDS: tuple[dict[tuple[int, str], Kind], dict[tuple[int, str], Kind]] = (
         (2, "outside"): "opened cavity",
     },
 )
+_PLACES = (
+    "Matched features are counted by Betti matching, whose ties depend on the position in the grid; the features that "
+    "are listed are those of the invariant matching."
+)
 _MOST_LOOPS = 100  # of a kind; each is a search of milliseconds
 
 
@@ -47,7 +53,8 @@ def compare_solids(
     grid: Grid | None = None,
     *,
     placement: Placement | None = None,
-    connectivity: int = DEFAULT_CONNECTIVITY,
+    connectivity: int | None = None,
+    matching: Matching = "invariant",
     tolerance: float | None = None,
     names: tuple[str, str] = ("a", "b"),
     resolution: float | None = None,
@@ -60,28 +67,52 @@ def compare_solids(
         second: (X, Y, Z), whether it is in the true one.
         grid: where the centers of the voxels are; of unit cells if None.
         placement: of the voxels of the truth's file, of which the grid may be a box, or None.
-        connectivity: 6 or 26, that of both solids.
-        tolerance: as for `topokit.compare`.
+        connectivity: 6 or 26, that of both solids; the default of the matching if None.
+        matching: as for `topokit.compare`.
+        tolerance: likewise.
         names: of both.
         resolution: as in `Comparison`.
         notes: likewise.
 
     Raises:
-        InputError: if the shapes differ, or the connectivity is neither 6 nor 26.
+        InputError: if the shapes differ, or the connectivity is neither 6 nor 26, or not that of the matching.
     """
     if first.shape != second.shape or first.ndim != 3:
         raise InputError(
             f"two solids on one grid (X, Y, Z) were expected, got {first.shape} and {second.shape}: bring them to one "
             "grid first."
         )
+    connectivity = connectivity_of(matching, connectivity) or DEFAULT_CONNECTIVITY
     x, y, z = first.shape
     grid = Grid((x, y, z)) if grid is None else grid
     solids = ComparedSolids(
         SolidPair(first, second, connectivity), grid, placement, max(grid.spacing) if tolerance is None else tolerance
     )
     numbers = solids.pair.numbers
-    betti = numbers.first, numbers.second, numbers.matched
-    return Comparison(names, solids.pair.connectivity, resolution, *betti, notes, solids)
+    matched = numbers.matched
+    if matching == "betti-matching":
+        matched, notes = betti_matched(first, second), (*notes, _PLACES)
+    betti = numbers.first, numbers.second, matched
+    return Comparison(names, solids.pair.connectivity, matching, resolution, *betti, notes, solids)
+
+
+def connectivity_of(matching: Matching, connectivity: int | None) -> int | None:
+    """The connectivity that is asked for, or that of the matching; None if any will do.
+
+    Raises:
+        InputError: if there is no such matching, or it has another connectivity.
+    """
+    if matching not in get_args(Matching):
+        raise InputError(f'matching is {matching!r}; "invariant" or "betti-matching" was expected.')
+    if matching == "invariant":
+        return connectivity
+    if connectivity not in (None, 6):
+        raise InputError(
+            f"Betti matching is defined for 6-connected solids, not for {connectivity}: pass ",
+            Option("connectivity", "6"),
+            ".",
+        )
+    return 6
 
 
 @dataclass(frozen=True, eq=False)

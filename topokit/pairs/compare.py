@@ -12,10 +12,9 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.voxels.masks import OpenedVolume, mask_of, opened_volume
-from topokit.comparison.result import Comparison
+from topokit.comparison.result import Comparison, Matching
 from topokit.comparison.solids import compare_solids
 from topokit.core.arrays import Booleans
-from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Spacing
 from topokit.core.grid.labels import joined_boxes, tight_boxes
 from topokit.errors import InputError, Option
@@ -24,6 +23,7 @@ from topokit.plugins.registry import adapter_for, load
 from topokit.shape import Shape
 from topokit.shape.compare import DEFAULT_CELLS
 
+_WHOLE = (slice(None),) * 3
 Ignore = float | Tensor | Booleans | str | os.PathLike[str] | None
 
 
@@ -35,6 +35,7 @@ def compare(
     level: float | None = None,
     label: float | tuple[float, ...] | None = None,
     connectivity: int | None = None,
+    matching: Matching = "invariant",
     spacing: float | Spacing | None = None,
     tolerance: float | None = None,
     resolution: int = DEFAULT_CELLS,
@@ -54,6 +55,8 @@ def compare(
         level: of volumes, as for `from_voxels`; of both.
         label: likewise.
         connectivity: 6 or 26, of both solids; the background has the other one. That of the shapes, or 26, if None.
+        matching: "invariant", or "betti-matching" for the count of Betti-Matching-3D, which is 6-connected and depends
+            on the orientation of the grid; see `docs/comparing.md`.
         spacing: size of a voxel, as for `from_voxels`.
         tolerance: distance of surfaces that counts as none in `Comparison.agreement`; a step of the grid if None.
         resolution: cells of the common grid along the longest side, for everything but volumes.
@@ -80,7 +83,8 @@ def compare(
             true,
             second.grid,
             placement=second.placement,
-            connectivity=connectivity or DEFAULT_CONNECTIVITY,
+            connectivity=connectivity,
+            matching=matching,
             tolerance=tolerance,
             names=(first.name, second.name),
         )
@@ -88,7 +92,7 @@ def compare(
     if wrong := [Option(name, "…") for name, value in given.items() if value is not None]:
         raise InputError("only two volumes, as arrays or files, are compared with ", wrong[0], ": leave it out.")
     one, other = (each if isinstance(each, Shape) else load(each) for each in (a, b))
-    return one.compare(other, resolution=resolution, tolerance=tolerance, connectivity=connectivity)
+    return one.compare(other, resolution=resolution, tolerance=tolerance, connectivity=connectivity, matching=matching)
 
 
 def compare_labels(
@@ -97,7 +101,8 @@ def compare_labels(
     labels: Literal["all"] | Sequence[int] = "all",
     *,
     ignore: Ignore = None,
-    connectivity: int = DEFAULT_CONNECTIVITY,
+    connectivity: int | None = None,
+    matching: Matching = "invariant",
     spacing: float | Spacing | None = None,
     tolerance: float | None = None,
 ) -> dict[int, Comparison]:
@@ -108,8 +113,9 @@ def compare_labels(
         b: the truth, on the same grid.
         labels: the labels that are wanted, or "all" positive ones of either volume.
         ignore: as for `compare`.
-        connectivity: 6 or 26, of each label by itself.
-        spacing: as for `compare`.
+        connectivity: 6 or 26, of each label by itself; 26 if None.
+        matching: as for `compare`; by Betti matching each label is compared in the whole grid.
+        spacing: likewise.
         tolerance: likewise.
 
     Returns:
@@ -132,8 +138,8 @@ def compare_labels(
     wanted = sorted(label for label in boxes[0].keys() | boxes[1].keys() if label > 0) if labels == "all" else labels
     found, both, step = {}, joined_boxes(*boxes), second.grid.spacing
     for label in wanted:
-        box = both.get(label, (slice(0, 0),) * 3)
-        x, y, z = (start + side.start * n for start, side, n in zip(second.grid.origin, box, step, strict=True))
+        box = both.get(label, (slice(0, 0),) * 3) if matching == "invariant" else _WHOLE
+        x, y, z = (start + (side.start or 0) * n for start, side, n in zip(second.grid.origin, box, step, strict=True))
         mine, true = (each[box] == label for each in values)
         names = f"{first.name}, label {label}", f"{second.name}, label {label}"
         found[int(label)] = compare_solids(
@@ -142,6 +148,7 @@ def compare_labels(
             replace(second.grid, shape=mine.shape, origin=(x, y, z)),
             placement=second.placement,
             connectivity=connectivity,
+            matching=matching,
             tolerance=tolerance,
             names=names,
         )

@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from topokit.comparison.result import Comparison
-from topokit.comparison.solids import compare_solids
+from topokit.comparison.result import Comparison, Matching
+from topokit.comparison.solids import compare_solids, connectivity_of
 from topokit.core.arrays import Booleans, Floats
 from topokit.core.components import corner
-from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
 from topokit.core.mesh.rasterized import rasterized
@@ -33,6 +32,7 @@ def compare(
     resolution: int = DEFAULT_CELLS,
     tolerance: float | None = None,
     connectivity: int | None = None,
+    matching: Matching = "invariant",
 ) -> Comparison:
     """Which parts, tunnels and cavities of this solid the other one, the truth, has too; see `topokit.compare`.
 
@@ -46,11 +46,12 @@ def compare(
         resolution: cells of the common grid along the longest side; not used for volumes on the same grid.
         tolerance: distance of surfaces that counts as none in `agreement`; a step of the grid if None.
         connectivity: 6 or 26, of both solids; that of a volume, or the default of volumes, if None.
+        matching: as for `topokit.compare`.
 
     Raises:
         InputError: if a shape has no closed surface (see `Shape.surface`), or two volumes differ in connectivity.
     """
-    names = shape.name, other.name
+    names, connectivity = (shape.name, other.name), connectivity_of(matching, connectivity)
     mine, theirs = shape.field, other.field
     if mine is not None and theirs is not None and _on_one_grid(mine, theirs):
         if connectivity is None and mine.connectivity != theirs.connectivity:
@@ -62,18 +63,32 @@ def compare(
         connectivity = connectivity or mine.connectivity
         placement = None if other.counted is None else other.counted.placement
         return compare_solids(
-            one, two, mine.grid, placement=placement, connectivity=connectivity, tolerance=tolerance, names=names
+            one,
+            two,
+            mine.grid,
+            placement=placement,
+            connectivity=connectivity,
+            matching=matching,
+            tolerance=tolerance,
+            names=names,
         )
     if not resolution >= 2:
         raise InputError(f"resolution is {resolution!r}; a number of cells, at least 2, was expected.")
     surfaces = closed_surface(shape), closed_surface(other)
     grid = _common_grid(surfaces, resolution)
     first, second = (rasterized(surface, grid) for surface in surfaces)
-    connectivity = connectivity or DEFAULT_CONNECTIVITY
     found = compare_solids(
-        first, second, grid, connectivity=connectivity, tolerance=tolerance, names=names, resolution=grid.step
+        first,
+        second,
+        grid,
+        connectivity=connectivity,
+        matching=matching,
+        tolerance=tolerance,
+        names=names,
+        resolution=grid.step,
+        notes=tuple(_frame_notes(names, surfaces)),
     )
-    notes = (*_frame_notes(names, surfaces), *_lost(shape, found.betti_a, grid), *_lost(other, found.betti_b, grid))
+    notes = (*found.notes, *_lost(shape, found.betti_a, grid), *_lost(other, found.betti_b, grid))
     return found.with_notes(notes)
 
 

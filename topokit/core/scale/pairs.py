@@ -1,8 +1,4 @@
-"""Persistent homology of a signed distance: when classes appear and disappear as a solid grows, and where.
-
-Reference:
-    S. Kaji, T. Sudo, K. Ahara, "Cubical Ripser", arXiv:2005.12692.
-"""
+"""Persistent homology of a signed distance: when classes appear and disappear as a solid grows, and where."""
 
 from __future__ import annotations
 
@@ -12,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.persistence import cubical_pairs
 from topokit.core.scale.signed_distance import SignedDistance
-from topokit.errors import MissingDependencyError
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +44,9 @@ def persistent_pairs(distance: SignedDistance) -> PersistentPairs:
     Raises:
         MissingDependencyError: if cripser is not installed.
     """
-    try:
-        import cripser
-    except ImportError as error:
-        raise MissingDependencyError("Widths of features need cripser: pip install cripser.") from error
     if not (distance.values < 0).any():
         nothing = np.empty((0, 3))
         return PersistentPairs(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), nothing, nothing)
-    pairs = cripser.compute_ph(distance.values, filtration="T", maxdim=2)
+    pairs = cubical_pairs(distance.values, "T")
     dead = np.where(np.isinf(pairs[:, 2:3]), pairs[:, 3:6], pairs[:, 6:9])
     return PersistentPairs(pairs[:, 0].astype(np.int64), pairs[:, 1], pairs[:, 2], pairs[:, 3:6], dead)

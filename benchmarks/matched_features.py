@@ -30,6 +30,7 @@ from topokit.core.comparison.pair import SolidPair
 from topokit.core.comparison.tie_broken import betti_matched
 
 CONNECTIVITIES = (6, 26)
+MIRRORED = 100  # pairs that are given to the judge a second time
 
 
 def random_pair(n: int, seed: int, sigmas: tuple[float, float], level: float):
@@ -86,12 +87,13 @@ def official(n_pairs: int, library: str, seconds: int = 600) -> None:
         theirs = np.add(judge(*pair), (1, 0, 0))  # it leaves out the part that never ends
         equal.update(k for k in range(3) if theirs[k] == found.matched[k])
         equal.update({"betti-matching": tuple(theirs) == betti_matched(*pair)})
-        changed += judge(*(one[::-1].copy() for one in pair))[1] != theirs[1]
         n_done += 1
+        if n_done <= MIRRORED:
+            changed += judge(*(one[::-1].copy() for one in pair))[1] != theirs[1]
     in_all = equal.pop("betti-matching")
     print(f"equal to Betti matching: {dict(sorted(equal.items()))} of {n_done}, 26³ to 48³, 6-connected")
     print(f"in all dimensions, by matching='betti-matching': {in_all} of {n_done}")
-    print(f"its tunnels change when both volumes are mirrored along one axis: {changed}; ours: 0 by `symmetry`")
+    print(f"its tunnels change when both volumes are mirrored along one axis: {changed} of the first {MIRRORED}")
 
 
 def cost(n: int, connectivity: int, library: str | None = None) -> None:

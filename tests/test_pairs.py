@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from scipy.ndimage import gaussian_filter
 
 import topokit as tk
 from topokit.pairs.files import matched_files
@@ -108,6 +109,67 @@ def test_a_row_for_each_label() -> None:
     [feature] = found[9].features
     assert feature.center == (11.0, 11.0, 4.0)
     assert tk.compare_labels(truth, truth, [2])[2].is_same
+
+
+def volumes(shape: tuple[int, int, int] = (40, 36, 30)) -> tuple[np.ndarray, np.ndarray]:
+    """Gray values with parts, tunnels and cavities above 0.5."""
+    generator = np.random.default_rng(2)
+    one, noise = (gaussian_filter(generator.standard_normal(shape), 1.1) for _ in range(2))
+    return one / one.std() + 0.5, one / one.std() + 0.6 * noise / noise.std() + 0.5
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_blocks_of_stored_volumes_give_the_numbers_of_the_whole(connectivity: int, tmp_path) -> None:
+    dask, zarr = (pytest.importorskip(name, reason=f"{name} is not installed") for name in ("dask.array", "zarr"))
+    pair = volumes()
+    whole = tk.compare(*pair, level=0.5, connectivity=connectivity)
+    for name, values in zip("ab", pair, strict=True):
+        np.save(tmp_path / f"{name}.npy", values)
+        stored = zarr.create_array(tmp_path / f"{name}.zarr", shape=values.shape, dtype="f8", chunks=(16, 9, 30))
+        stored[:] = values
+    ways = (
+        pair,
+        [tmp_path / "a.npy", tmp_path / "b.npy"],
+        [tmp_path / "a.zarr", tmp_path / "b.zarr"],
+        [dask.from_array(values, chunks=(7, 36, 10)) for values in pair],
+    )
+    for a, b in ways:
+        found = tk.compare_blocks(a, b, level=0.5, connectivity=connectivity, block_voxels=5000)
+        assert (found.betti_a, found.betti_b) == (whole.betti_a, whole.betti_b)
+        assert found.matched == (whole.matched[0], None, whole.matched[2])
+        assert found.missing == (whole.missing[0], None, whole.missing[2])
+        assert found.spurious == (whole.spurious[0], None, whole.spurious[2])
+        assert (found.betti_error, found.dice) == (whole.betti_error, pytest.approx(whole.agreement.dice))
+    assert min(whole.matched[:2]) > 0  # for cavities see tests/core/comparison
+    assert found.to_dict()["missing"] == [*found.missing]
+    assert f"tunnels {whole.betti_a[1]} against {whole.betti_b[1]}, not matched in blocks" in str(found)
+
+
+def test_blocks_ignore_what_is_marked_and_refuse_other_grids() -> None:
+    marked = RING.copy()
+    marked[5, :5] = 7
+    found = tk.compare_blocks(CUT, marked, ignore=7, block_voxels=100)
+    assert (found.betti_error, found.missing, found.spurious) == ((0, 0, 0), (0, None, 0), (0, None, 0))
+    assert tk.compare_blocks(RING * 0, RING, block_voxels=100).missing == (1, None, 0)
+    with pytest.raises(tk.InputError, match="resample"):
+        tk.compare_blocks(RING, RING[1:])
+    with pytest.raises(tk.InputError, match="pass level="):
+        tk.compare_blocks(RING * 0.3 + np.arange(5) * 0.1, RING)
+
+
+@pytest.mark.long
+def test_workers_of_a_cluster_count_blocks(tmp_path) -> None:
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed; make test installs it")
+    pair = volumes()
+    for name, values in zip("ab", pair, strict=True):
+        np.save(tmp_path / f"{name}.npy", values)
+    paths = tmp_path / "a.npy", tmp_path / "b.npy"
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        found = tk.compare_blocks(*paths, level=0.5, block_voxels=5000, client=client)
+    assert found == tk.compare_blocks(*paths, level=0.5, block_voxels=5000)
 
 
 def test_meshes_clouds_and_functions_are_compared_as_solids() -> None:

@@ -29,6 +29,7 @@ from .errors import (
 from .losses.euler import EulerLoss, euler_loss
 from .losses.monitor import TopologyMonitor
 from .losses.topology import TopologyLoss, topology_loss
+from .pairs.blocks import compare_blocks
 from .pairs.compare import compare, compare_labels
 from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
@@ -71,6 +72,7 @@ __all__ = [
     "TopologyReport",
     "UnknownFormatError",
     "compare",
+    "compare_blocks",
     "compare_labels",
     "enforce",
     "euler",

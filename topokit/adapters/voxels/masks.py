@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice, open_volume, placed
-from topokit.adapters.voxels.counting import Solid
+from topokit.adapters.voxels.counting import Seen, Solid
 from topokit.core.arrays import Booleans
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.placement import Placement
@@ -55,7 +55,12 @@ def mask_of(values: Tensor, level: float | None, label: float | tuple[float, ...
     check_choice(level, labels)
     solid = Solid(level, labels, 6)
     inside, seen = solid.mark(np.asarray(values))
-    must_be_binary = level is None and not labels
+    check_mask(solid, seen)
+    return inside
+
+
+def check_mask(solid: Solid, seen: Seen) -> None:
+    """Raise the errors of a volume's values, of which none needs to be inside; see `Solid.check`."""
+    must_be_binary = solid.level is None and not solid.labels
     if not seen.is_empty or (must_be_binary and not seen.is_binary):
         solid.check(seen)
-    return inside

@@ -81,13 +81,14 @@ class Part:
         return replace(self, faces=())
 
 
-def count_part(is_six: Booleans, place: Triple, shape: Triple) -> Part:
+def count_part(is_six: Booleans, place: Triple, shape: Triple, labels: Labels | None = None) -> Part:
     """The part of one block.
 
     Args:
         is_six: (X, Y, Z), whether a voxel is in the 6-connected phase.
         place: position of its first voxel in the volume.
         shape: of the volume.
+        labels: (X, Y, Z), where the labels of all voxels are written, as those of `Part.faces`; None if not wanted.
     """
     forest = _Forest()
     n_x, n_y, n_z = is_six.shape
@@ -102,12 +103,17 @@ def count_part(is_six: Booleans, place: Triple, shape: Triple) -> Part:
         if x > 0:
             forest.join(before, runs)
         write_dense(*runs, dense)
+        if labels is not None:
+            labels[x] = dense
         if x == 0:
             faces[0].low[:] = dense
         faces[1].low[x], faces[1].high[x] = dense[0], dense[-1]
         faces[2].low[x], faces[2].high[x] = dense[:, 0], dense[:, -1]
         before, runs = runs, before
-    return forest.part(faces)
+    part, numbers = forest.part(faces)
+    if labels is not None:
+        labels[:] = _signed(numbers)[labels + len(numbers)]
+    return part
 
 
 def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> Part:
@@ -119,6 +125,18 @@ def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> P
         shape: of the volume.
         connectivity: 6 or 26, that of the solid.
     """
+    return count_part(*_with_background(inside, box, shape, connectivity))
+
+
+def count_labeled_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> tuple[Part, Labels]:
+    """As `count_box`; with the labels of the block and of that layer, positive in the 6-connected phase."""
+    is_six, place, whole = _with_background(inside, box, shape, connectivity)
+    labels = np.empty(is_six.shape, np.int32)
+    return count_part(is_six, place, whole, labels), labels
+
+
+def _with_background(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> tuple[Booleans, Triple, Triple]:
+    """A block with its layer of background, its place, and the shape of the volume with that layer."""
     x, y, z = (start + (start > 0) for start, _ in box)
     n_x, n_y, n_z = (n + 2 for n in shape)
     ends = [stop + 1 + (stop == n) for (_, stop), n in zip(box, shape, strict=True)]
@@ -126,7 +144,7 @@ def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> P
     is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), background_is_six)
     within = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in box)]
     np.not_equal(inside, background_is_six, out=within)
-    return count_part(is_six, (x, y, z), (n_x, n_y, n_z))
+    return is_six, (x, y, z), (n_x, n_y, n_z)
 
 
 def join_parts(one: Part, other: Part, axis: int) -> Part:
@@ -137,6 +155,11 @@ def join_parts(one: Part, other: Part, axis: int) -> Part:
         other: the next one, of the same size and place along the other axes.
         axis: 0, 1 or 2.
     """
+    return joined_and_numbers(one, other, axis)[0]
+
+
+def joined_and_numbers(one: Part, other: Part, axis: int) -> tuple[Part, Labels]:
+    """As `join_parts`; with the new number of each region of one part, and then of those of the other."""
     forest = _Forest()
     moved = _renumbered(other, np.arange(len(other.nodes)) + len(one.nodes))
     forest.add(one)
@@ -203,8 +226,8 @@ class _Forest:
             sums[:, 0] = -1
         self._walls += walls
 
-    def part(self, faces: tuple[Faces, ...]) -> Part:
-        """All that was found, with regions numbered anew."""
+    def part(self, faces: tuple[Faces, ...]) -> tuple[Part, Labels]:
+        """All that was found, with regions numbered anew, and the new number of each node."""
         numbers = np.empty(self._n_nodes, np.int32)
         n_regions = number_roots(self._parents[: self._n_nodes], numbers)
         nodes = np.empty((n_regions, len(NODE_COLUMNS)), np.int64)
@@ -212,7 +235,7 @@ class _Forest:
         is_six = np.empty(n_regions, bool)
         is_six[numbers] = self._is_six[: self._n_nodes]
         walls = np.concatenate((*self._walls, self._sums[self._sums[:, 0] >= 0]))
-        return _renumbered(Part(nodes, is_six, walls, self._dual, faces), numbers)
+        return _renumbered(Part(nodes, is_six, walls, self._dual, faces), numbers), numbers
 
     def _reserve(self, n_more: int) -> None:
         """Make room for more nodes."""
@@ -231,11 +254,16 @@ class _Forest:
 
 def _renumbered(part: Part, numbers: Integers | Labels) -> Part:
     """The part with other numbers of its regions in walls and faces; walls between the same regions become one."""
-    signed = np.concatenate((-1 - numbers[::-1], (0,), numbers + 1)).astype(np.int32)
+    signed = _signed(numbers)
     faces = tuple(Faces(*(signed[labels + len(numbers)] for labels in ends)) for ends in part.faces)
     walls = part.walls.copy()
     walls[:, :2] = numbers[part.walls[:, :2]]
     return replace(part, walls=_summed(walls), faces=faces)
+
+
+def _signed(numbers: Integers | Labels) -> Labels:
+    """The new labels of labels −N … N, as N is added to them."""
+    return np.concatenate((-1 - numbers[::-1], (0,), numbers + 1)).astype(np.int32)
 
 
 def _summed(walls: Integers) -> Integers:

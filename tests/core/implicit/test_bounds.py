@@ -142,6 +142,11 @@ FUNCTIONS: dict[str, Function] = {
         seeded(lambda: nn.Sequential(nn.Conv1d(3, 8, 1), nn.ReLU(), nn.Conv1d(8, 1, 1))),
         lambda net, x: net(x.T[None])[0, 0],
     ),
+    "branches": lambda x: torch.relu(x[:, 0]) - torch.relu(x[:, 1]) - 0.5 * x[:, 0] + 0.5 * x[:, 1],
+    "two networks": unwrapped(
+        seeded(lambda: nn.ModuleList([mlp(nn.ReLU(), nn.ReLU()), mlp(nn.ReLU(), nn.SiLU(), nn.ReLU())])),
+        lambda net, x: net[0](x) - torch.maximum(net[1](x), 0.5 * net[0](x) + net[0](x.flip(1))),
+    ),
     "polynomial": lambda x: (x**4).sum(1) - 1.2 * (x * x).sum(1) + x[:, 0] * x[:, 1] * x[:, 2] + 0.3,
     "torus": lambda x: ((x[:, :2].norm(dim=1) - 0.6) ** 2 + x[:, 2] ** 2).sqrt() - 0.2,
     "gyroid": lambda x: (torch.sin(5 * x) * torch.cos(5 * x.roll(1, 1))).sum(1),

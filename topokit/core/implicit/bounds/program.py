@@ -25,7 +25,7 @@ class Form:
         center: (N, n).
         slopes: (K, N, n), what the K symbols are multiplied with; K is 3, or 0 at points.
         radius: (N, n), what is left, never negative; NaN where nothing is known.
-        kinks: (m, n), what further symbols are multiplied with, one for each kink that came before.
+        kinks: (m, n), what further symbols are multiplied with: those of the program's first m kinks.
         owner: (m,) the vector to which each kink belongs.
     """
 
@@ -147,18 +147,21 @@ class Program:
         slopes = torch.diag_embed(half).permute(1, 0, 2) if len(half) else centers.new_zeros(0, *centers.shape)
         no_kinks = torch.zeros(0, dtype=torch.int64, device=centers.device)
         found = [Form(centers, slopes, torch.zeros_like(centers), centers[:0], no_kinks)]
+        owner = no_kinks
         for step in self.steps:
-            found.append(_enclosed(step, found))
+            form = _enclosed(step, found, owner)
+            owner = max(owner, form.owner, key=len)
+            found.append(form)
         return found
 
 
-def _enclosed(step: Step, found: list[Form]) -> Form:
+def _enclosed(step: Step, found: list[Form], owner: Tensor) -> Form:
     if isinstance(step, Affine):
         return affine(step, [found[number] for number in step.inputs])
     if isinstance(step, Product):
         return product(found[step.left], found[step.right])
     form = found[step.input]
-    return positive_part(form) if isinstance(step, PositivePart) else bent(form, step.curve)
+    return positive_part(form, owner) if isinstance(step, PositivePart) else bent(form, step.curve)
 
 
 def affine(step: Affine, forms: list[Form]) -> Form:
@@ -177,10 +180,14 @@ def affine(step: Affine, forms: list[Form]) -> Form:
     return Form(center, slopes, widened(radius, step.offset.abs(), error), kinks, owner)  # type: ignore[arg-type]
 
 
-def positive_part(form: Form) -> Form:
+def positive_part(form: Form, owner: Tensor) -> Form:
     """The enclosure of max(x, 0): the parallelogram of DeepZ where the sign is open.
 
     Its height is a symbol of its own, or part of the radius for vectors that have many.
+
+    Args:
+        form: of x.
+        owner: of all kinks in earlier steps, those that x does not depend on included: new ones follow them.
 
     Reference:
         Singh, Gehr, Mirman, Püschel, Vechev, "Fast and effective robustness certification", NeurIPS 2018.
@@ -190,7 +197,7 @@ def positive_part(form: Form) -> Form:
     slope = torch.where(is_open, high / (high - low), (low > 0).to(low.dtype))
     shift = torch.where(is_open, -slope * low / 2, 0.0)
     error = torch.where(is_open, 8 * STEP * (form.center.abs() + form.reach) + TINY, 0.0)
-    n_symbols = is_open.sum(1).index_add(0, form.owner, torch.ones_like(form.owner))
+    n_symbols = is_open.sum(1).index_add(0, owner, torch.ones_like(owner))
     is_symbol = is_open & (n_symbols <= _MOST_SYMBOLS)[:, None]
     box, entry = is_symbol.nonzero(as_tuple=True)
     new = form.kinks.new_zeros(len(box), form.kinks.shape[1])
@@ -199,8 +206,8 @@ def positive_part(form: Form) -> Form:
         slope * form.center + shift,
         slope * form.slopes,
         slope * form.radius + torch.where(is_symbol, 0.0, shift) + error,
-        torch.cat((slope[form.owner] * form.kinks, new)),
-        torch.cat((form.owner, box)),
+        torch.cat((slope[owner] * form.padded(len(owner)), new)),
+        torch.cat((owner, box)),
     )
 
 

@@ -218,7 +218,7 @@ def _bounded(index: np.ndarray, level: np.ndarray) -> Leaves:
 @pytest.mark.parametrize("seed", range(6))
 def test_triangulations_conform(seed: int) -> None:
     tree, leaves = random_tree(seed)
-    mesh = triangulate(tree, leaves, tree.values)
+    mesh = triangulate(tree, leaves, tree.values, tree.bounded_values)
     corners = mesh.positions[mesh.tetrahedra]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     sides = 2.0 / (4 * 2.0**leaves.level)
@@ -241,21 +241,20 @@ def test_conditions_fail_where_values_are_wrong() -> None:
     program = program_of(ball((0, 0, 0), 0.5), torch.full((1, 3), 0.1, dtype=torch.float64), "f")
     tree = Octree(program, LOW, HIGH, time.monotonic() + 60)
     leaves = tree.divide(children(children(np.array(list(product(range(4), repeat=3))))), 2)
-    good = triangulate(tree, leaves, tree.values)
+    good = triangulate(tree, leaves, tree.values, tree.bounded_values)
     assert _is_proven(tree, leaves, good).all()
     near = good.positions[np.argmin(np.abs(good.value) + (good.octants < 8))]
 
-    def dented(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, error = tree.values(points)
-        return value + 0.2 * (points == near).all(1), error
+    def dented(points: np.ndarray) -> np.ndarray:
+        return tree.values(points) + 0.2 * (points == near).all(1)
 
-    assert not _is_proven(tree, leaves, triangulate(tree, leaves, dented)).all()
+    assert not _is_proven(tree, leaves, triangulate(tree, leaves, dented, tree.bounded_values)).all()
 
     def unsure(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        value, error = tree.values(points)
+        value, error = tree.bounded_values(points)
         return value, error + 2.0
 
-    refused = ~_is_proven(tree, leaves, triangulate(tree, leaves, unsure))
+    refused = ~_is_proven(tree, leaves, triangulate(tree, leaves, tree.values, unsure))
     beside = np.unique(good.owner[(good.octants[good.tetrahedra] < 8).any(1)])
     assert refused[beside].all()
 

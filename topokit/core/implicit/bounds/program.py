@@ -7,13 +7,16 @@ one for each kink before, so that what cancels does cancel.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 import torch
 from torch import Tensor
 
+from topokit.core.implicit.bounds import curves
 from topokit.core.implicit.bounds.curves import Curve
 from topokit.core.implicit.bounds.rounding import STEP, TINY, gamma, up, widened
 
+_AT_ZERO = {curves.TANH: 0.0, curves.ATAN: 0.0, curves.ERF: 0.0, curves.SIGMOID: 0.5}  # these rise everywhere
 _MOST_SYMBOLS = 48  # for kinks of one vector; further ones widen its radius
 
 
@@ -127,6 +130,25 @@ class Program:
         """Whether its gradient is constant between kinks."""
         return all(isinstance(step, Affine | PositivePart) for step in self.steps)
 
+    def without_end(self) -> Program:
+        """A program of the same signs, without a tanh, atan, erf or sigmoid at the end where that crosses 0 at 0."""
+        slope = Fraction(1)  # of the value, and the value of the last curve at which it is 0
+        offset = Fraction(0)
+        for number in range(len(self.steps) - 1, -1, -1):
+            step = self.steps[number]
+            if isinstance(step, Affine) and step.inputs == (number,) and step.matrices[0].numel() == 1:
+                offset += slope * Fraction(float(step.offset))
+                slope *= Fraction(float(step.matrices[0]))
+                continue
+            if isinstance(step, Bent) and step.input == number and self.widths[number] == 1 and slope != 0:
+                at_zero = _AT_ZERO.get(step.curve)
+                if at_zero is not None and slope * Fraction(at_zero) + offset == 0:
+                    sign = torch.full((1, 1), 1.0 if slope > 0 else -1.0, dtype=torch.float64)
+                    steps = [*self.steps[:number], Affine((number,), (sign,), 0 * sign[0])]
+                    return Program(steps, self.widths[: number + 2])
+            break
+        return self
+
     def to(self, device: torch.device) -> Program:
         """The program with its numbers on a device."""
         moved = [
@@ -136,6 +158,20 @@ class Program:
             for step in self.steps
         ]
         return Program(moved, self.widths)
+
+    def values(self, points: Tensor) -> Tensor:
+        """(N, 1) the last step at points (N, 3), as torch computes it in float64."""
+        found = [points]
+        for step in self.steps:
+            if isinstance(step, Affine):
+                parts = [found[n] @ matrix for n, matrix in zip(step.inputs, step.matrices, strict=True)]
+                found.append(sum(parts[1:], parts[0]) + step.offset)
+            elif isinstance(step, Product):
+                found.append(found[step.left] * found[step.right])
+            else:
+                x = found[step.input]
+                found.append(x.clamp(min=0) if isinstance(step, PositivePart) else step.curve.value(x))
+        return found[-1]
 
     def forms(self, centers: Tensor, half: Tensor) -> list[Form]:
         """Enclosures of every step over boxes.
@@ -192,6 +228,8 @@ def positive_part(form: Form, owner: Tensor) -> Form:
     Reference:
         Singh, Gehr, Mirman, Püschel, Vechev, "Fast and effective robustness certification", NeurIPS 2018.
     """
+    if not len(form.slopes):  # points: max(x, 0) does not enlarge errors
+        return Form(form.center.clamp(min=0), form.slopes, form.radius, form.kinks, owner)
     low, high = form.ends
     is_open = ~(low > 0) & ~(high < 0)
     slope = torch.where(is_open, high / (high - low), (low > 0).to(low.dtype))

@@ -40,4 +40,6 @@ def up(values: Tensor) -> Tensor:
 
 def constant(value: object) -> Tensor:
     """A number or tensor of the function as float64: what is stored is taken as exact."""
-    return torch.as_tensor(value).detach().to("cpu", torch.float64)
+    if isinstance(value, Tensor):
+        return value.detach().to("cpu", torch.float64)
+    return torch.as_tensor(value, dtype=torch.float64)

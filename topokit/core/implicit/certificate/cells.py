@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -14,12 +15,16 @@ from torch import Tensor
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import Corner
 from topokit.core.implicit.bounds.gradients import Zonotopes, count_kinks, gradients
-from topokit.core.implicit.bounds.program import Program
+from topokit.core.implicit.bounds.local import local_networks
+from topokit.core.implicit.bounds.nested import nested, restricted
+from topokit.core.implicit.bounds.program import Form, Program
 from topokit.core.implicit.bounds.rounding import STEP
 
 DEEPEST = 17  # halvings of the first cells: to 1/524 288 of the box's longest side
 _ROOT = 4  # first cells along the longest side
 _MOST_KINKS = 48  # in a cell of which the gradient is bounded; with more it is divided at once
+_MOST_LOCAL = 96  # in a cell whose own network is made
+_LOOK = 4  # halvings of a cell by its own network
 _MOST_CELLS = 1 << 24  # waiting at one time: 400 MB
 _ENTRIES = 1 << 15  # numbers in a vector of all cells that are bounded together
 
@@ -54,6 +59,14 @@ class Leaves:
         )
 
 
+class Found(NamedTuple):
+    """What was found in cells: leaves, and cells that are undecided, with their level."""
+
+    leaves: Leaves
+    undecided: Integers
+    level: int
+
+
 class Octree:
     """Cells of a box and what is proven about a function in them.
 
@@ -85,26 +98,24 @@ class Octree:
             cells: (n, 3), of one level.
             level: theirs.
         """
-        found: list[Leaves] = []
-        while len(cells):
-            self.deepest = max(self.deepest, level)
-            undecided = []
+        found: list[Leaves] = [_none()]
+        waiting = {level: [cells]}
+        while waiting:
+            level = min(waiting)
+            cells = np.concatenate(waiting.pop(level))
             for start in range(0, len(cells), self._chunk):
-                if time.monotonic() > self.deadline:
-                    undecided.append(cells[start:])
+                part = cells[start : start + self._chunk]
+                if time.monotonic() > self.deadline or len(cells) > _MOST_CELLS:
+                    self.open.append((cells[start:], level))
                     break
-                leaves, rest = self._examined(cells[start : start + self._chunk], level)
-                found.append(leaves)
-                undecided.append(rest)
-            rest = np.concatenate(undecided)
-            if level == DEEPEST or 8 * len(rest) > _MOST_CELLS or time.monotonic() > self.deadline:
-                if len(rest):
-                    self.open.append((rest, level))
-                break
-            cells, level = children(rest), level + 1
-        empty = torch.zeros(0, 3, dtype=torch.float64)
-        none = Zonotopes(empty, empty, torch.zeros(0, dtype=torch.int64), empty)
-        return Leaves.joined([Leaves(np.zeros((0, 3), np.int64), np.zeros(0, np.int64), none), *found])
+                for leaves, rest, reached in self._leaves_in(part, level):
+                    found.append(leaves)
+                    self.deepest = max(self.deepest, reached)
+                    if len(rest) and reached == DEEPEST:
+                        self.open.append((rest, reached))
+                    elif len(rest):
+                        waiting.setdefault(reached + 1, []).append(children(rest))
+        return Leaves.joined(found)
 
     def bounds(self, cells: Integers, level: int) -> tuple[Floats, Floats]:
         """(n, 3) lowest and highest corners of cells."""
@@ -117,7 +128,12 @@ class Octree:
         touches: Booleans = (cells == 0) | (cells == last)
         return touches
 
-    def values(self, points: Floats) -> tuple[Floats, Floats]:
+    def values(self, points: Floats) -> Floats:
+        """(n,) the function at points (n, 3), in double precision."""
+        parts = torch.from_numpy(points).split(4 * self._chunk)
+        return np.concatenate([np.zeros(0), *(self.program.values(part)[:, 0].numpy() for part in parts)])
+
+    def bounded_values(self, points: Floats) -> tuple[Floats, Floats]:
         """The function at points (n, 3): values (n,) and bounds of their errors (n,)."""
         found, errors = [np.zeros(0)], [np.zeros(0)]
         for part in torch.from_numpy(points).split(4 * self._chunk):
@@ -126,30 +142,66 @@ class Octree:
             errors.append(form.reach[:, 0].numpy())
         return np.concatenate(found), np.concatenate(errors)
 
-    def _examined(self, cells: Integers, level: int) -> tuple[Leaves, Integers]:
-        """The leaves among cells, and those that are undecided; those without surface are in neither."""
+    def _leaves_in(self, cells: Integers, level: int) -> Iterator[Found]:
+        """What is in cells, by the whole program; and in those with few kinks also by networks of their own."""
         self.n_bounded += len(cells)
-        scale = self.side / (self.root * 2.0 ** (level + 1))
-        centers = torch.from_numpy(self.low + (2 * cells + 1) * scale)
-        half = torch.from_numpy(scale * (1 + STEP) + STEP * (np.abs(self.low) + self.side)).expand_as(centers)
-        forms = self.program.forms(centers, half)
+        centers, half = self._boxes(cells, level)
+        forms = self.program.forms(centers, half.expand_as(centers))
         low, high = (end[:, 0] for end in forms[-1].ends)
-        is_empty = (low > 0) | (high < 0)
-        chosen = (~is_empty & (count_kinks(self.program, forms) <= _MOST_KINKS)).nonzero()[:, 0]
+        kinks = count_kinks(self.program, forms)
+        undecided = (~((low > 0) | (high < 0))).nonzero()[:, 0]
+        chosen = undecided[kinks[undecided] <= _MOST_KINKS]
         gradient = gradients(self.program, [form.rows(chosen) for form in forms])
         center = self.program.forms(centers[chosen], centers[:0])[-1]
         nearest = center.center[:, 0].abs() - center.reach[:, 0]
-        farthest = (gradient.size * half[chosen]).sum(1) * (1 + 1e-10)
-        is_empty[chosen[nearest > farthest]] = True
-        graphs = (self._is_graph(gradient, cells[chosen.numpy()], level) & ~(nearest > farthest)).nonzero()[:, 0]
-        index = cells[chosen[graphs].numpy()]
-        leaves = Leaves(index, np.full(len(index), level), gradient.rows(graphs))
-        is_done = is_empty.numpy().copy()
-        is_done[chosen[graphs].numpy()] = True
-        return leaves, cells[~is_done]
+        is_empty = nearest > (gradient.size * half).sum(1) * (1 + 1e-10)
+        is_graph = self._is_graph(gradient, cells[chosen.numpy()], level) & ~is_empty
+        yield Found(self._leaves(cells[chosen.numpy()], level, gradient, is_graph), cells[:0], level)
+        rest = undecided[~torch.isin(undecided, chosen[is_empty | is_graph])]
+        is_local = kinks[rest] <= (_MOST_LOCAL if self.program.is_piecewise_linear and level < DEEPEST else -1)
+        yield Found(_none(), cells[rest[~is_local].numpy()], level)
+        if is_local.any():
+            forms = [form.rows(rest[is_local]) for form in forms]
+            yield from self._descended(cells[rest[is_local].numpy()], level, forms, half.numpy())
+
+    def _descended(self, cells: Integers, level: int, forms: list[Form], half: Floats) -> Iterator[Found]:
+        """What is in the cells inside of some, by the networks of these."""
+        networks, origin = local_networks(self.program, forms), cells
+        slack = 64 * STEP * (np.abs(self.low) + self.side).max() / half
+        for depth in range(1, _LOOK + 1):
+            cells, network, level = children(cells), np.repeat(np.arange(len(cells)), 8), level + 1
+            self.n_bounded += len(cells)
+            offset = (2 * cells + 1) * 0.5**depth - (2 * origin[network] + 1)
+            found = nested(networks, network, offset, 0.5**depth + slack)
+            undecided = np.nonzero(found.sign == 0)[0]
+            gradient = found.gradient(undecided, half)
+            is_graph = self._is_graph(gradient, cells[undecided], level)
+            yield Found(self._leaves(cells[undecided], level, gradient, is_graph), cells[:0], level)
+            rest = undecided[~is_graph.numpy()]
+            cells = cells[rest]
+            if not len(rest) or level == DEEPEST or depth == _LOOK:
+                break
+            networks, origin = restricted(networks, network[rest], found.state[rest]), origin[network[rest]]
+        yield Found(_none(), cells, level)
+
+    def _leaves(self, cells: Integers, level: int, gradient: Zonotopes, is_leaf: Tensor) -> Leaves:
+        rows = is_leaf.nonzero()[:, 0]
+        return Leaves(cells[rows.numpy()], np.full(len(rows), level), gradient.rows(rows))
+
+    def _boxes(self, cells: Integers, level: int) -> tuple[Tensor, Tensor]:
+        """(n, 3) centers, and (3,) half sides that cover their rounding."""
+        scale = self.side / (self.root * 2.0 ** (level + 1))
+        centers = torch.from_numpy(self.low + (2 * cells + 1) * scale)
+        return centers, torch.from_numpy(scale * (1 + STEP) + STEP * (np.abs(self.low) + self.side))
 
     def _is_graph(self, gradient: Zonotopes, cells: Integers, level: int) -> Tensor:
         return rises(gradient, gradient.center[:, None], torch.from_numpy(self.touched(cells, level)))
+
+
+def _none() -> Leaves:
+    empty = torch.zeros(0, 3, dtype=torch.float64)
+    nothing = Zonotopes(empty, empty, torch.zeros(0, dtype=torch.int64), empty)
+    return Leaves(np.zeros((0, 3), np.int64), np.zeros(0, np.int64), nothing)
 
 
 def rises(gradient: Zonotopes, directions: Tensor, touched: Tensor, slack: Tensor | None = None) -> Tensor:

@@ -96,13 +96,13 @@ def prove(program: Program, low: Corner, high: Corner, time_limit: float) -> Pro
         time_limit: seconds after which no cell is divided any more.
     """
     started = time.monotonic()
-    tree = Octree(program, low, high, started + time_limit)
+    tree = Octree(program.without_end(), low, high, started + time_limit)
     leaves = tree.start()
     mesh = None
     while not tree.open:
         chosen = unbalanced(leaves)
         if not len(chosen):
-            mesh = triangulate(tree, leaves, tree.values)
+            mesh = triangulate(tree, leaves, tree.values, tree.bounded_values)
             chosen = np.nonzero(~_is_proven(tree, leaves, mesh))[0]
             if not len(chosen):
                 break

@@ -36,7 +36,8 @@ _PATHS = [
 _CREASED = 0.25  # spread of the gradient in a leaf, as share of its size, from which values are means
 _TINY = 1e-300  # instead of 0 at a vertex: any value does, see `proof`
 
-Values = Callable[[Floats], tuple[Floats, Floats]]
+Values = Callable[[Floats], Floats]
+Bounded = Callable[[Floats], tuple[Floats, Floats]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +69,14 @@ class Triangulation:
         return _zero_set(self.positions, self.value, self.tetrahedra)
 
 
-def triangulate(tree: Octree, leaves: Leaves, values: Values) -> Triangulation:
+def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) -> Triangulation:
     """The triangulation of leaves.
 
     Args:
         tree: theirs.
         leaves: balanced (see `cells.unbalanced`).
-        values: the function at points, with bounds of the errors.
+        values: the function at points, about.
+        bounded: the same with bounds of the errors, used beside empty cells.
     """
     size = _UNIT >> leaves.level
     corner = leaves.index * size[:, None]
@@ -88,17 +90,20 @@ def triangulate(tree: Octree, leaves: Leaves, values: Values) -> Triangulation:
     vertices, tetrahedra = points[first], vertex.reshape(-1, 4)
     scale = tree.side / (tree.root * float(_UNIT))
     positions = tree.low + vertices * scale
-    exact, error = values(positions)
+    exact = values(positions)
     octants, reach = _around(leaves, size, codes, shares)
     at_box = (vertices == 0) | (vertices == tree.root * _UNIT)
     octants <<= at_box.sum(1)  # beyond the box there is nothing to cover
+    beside = np.nonzero(octants < 8)[0]
+    exact[beside], error = bounded(positions[beside])
     value = exact.copy()
     creased = np.nonzero((reach > 0) & ~at_box.any(1))[0]
     value[creased] = _means(positions[creased], reach[creased, None] / 2 * scale, values)
     value = np.where((octants < 8) & ((value > 0) != (exact > 0)), exact, value)
     value = np.where(value == 0, _TINY, value)
     gradient, slack = _linear_gradients(vertices, scale, value, tetrahedra)
-    is_sure = (octants == 8) | (np.abs(exact) > error)
+    is_sure: Booleans = np.ones(len(exact), dtype=bool)
+    is_sure[beside] = np.abs(exact[beside]) > error
     owner = np.concatenate([rows for _, rows in found])
     return Triangulation(positions, value, octants, is_sure, tetrahedra, owner, gradient, slack)
 
@@ -129,7 +134,7 @@ def _means(positions: Floats, reach: Floats, values: Values) -> Floats:
     """The mean of the function at the corners of boxes around points (n, 3) that reach so far."""
     total: Floats = np.zeros(len(positions))
     for corner in 2 * OFFSETS - 1:
-        total += values(positions + corner * reach)[0]
+        total += values(positions + corner * reach)
     return total / 8
 
 

@@ -140,6 +140,31 @@ def test_a_spike_of_a_network_is_seen(width: float) -> None:
     assert found.components.euler.tolist() == [2, 2]
 
 
+@pytest.mark.parametrize(
+    ("end", "is_left_out"),
+    [
+        (lambda f: torch.tanh(f), True),
+        (lambda f: 2 - 4 * torch.sigmoid(-3 * f), True),
+        (lambda f: -torch.atan(f) / 3, True),
+        (lambda f: torch.sigmoid(f) - 0.4, False),
+        (lambda f: torch.tanh(f) + 1e-12, False),
+        (lambda f: torch.tanh(f) * f, False),
+        (lambda f: torch.sin(f), False),
+    ],
+)
+def test_ends_that_keep_the_sign_are_left_out(end: Function, is_left_out: bool) -> None:
+    def function(x: Tensor) -> Tensor:
+        return end(0.3 - x.abs().sum(1, keepdim=True))[:, 0]
+
+    program = program_of(function, torch.full((1, 3), 0.1, dtype=torch.float64), "f")
+    shorter = program.without_end()
+    assert shorter.is_piecewise_linear == is_left_out
+    points = 2 * torch.rand(500, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) - 1
+    values = shorter.values(points)[:, 0]
+    assert bool((values.sign() == function(points).sign()).all())
+    torch.testing.assert_close(program.values(points)[:, 0], function(points))
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("activation", [nn.ReLU, nn.Tanh, nn.Softplus])
 def test_random_networks_are_proven_as_fine_grids_count_them(seed: int, activation: type[nn.Module]) -> None:

@@ -171,7 +171,7 @@ class Octree:
         for depth in range(1, _LOOK + 1):
             cells, network, level = children(cells), np.repeat(np.arange(len(cells)), 8), level + 1
             self.n_bounded += len(cells)
-            offset = (2 * cells + 1) * 0.5**depth - (2 * origin[network] + 1)
+            offset = ((2 * cells + 1) * 0.5**depth - (2 * origin[network] + 1)).astype(np.float64)
             found = nested(networks, network, offset, 0.5**depth + slack)
             undecided = np.nonzero(found.sign == 0)[0]
             gradient = found.gradient(undecided, half)

@@ -52,7 +52,7 @@ def surfaces(first: str = "sphere") -> None:
     for name in everything[everything.index(first) :]:
         started = time.process_time()
         if name in SINGULAR:
-            proof = proof_of(SINGULAR[name], 20.0)
+            proof = proof_of(SINGULAR[name], 5.0)
             verdict = "open" if proof.components is None else "WRONG"
         else:
             known = KNOWN[name]

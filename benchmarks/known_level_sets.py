@@ -129,7 +129,7 @@ def lemniscate(width: float) -> Function:
 
 
 HOLES = [(0.5, 0.0, 0.18), (-0.5, 0.0, 0.18), (0.0, 0.5, 0.18), (0.0, -0.5, 0.18), (0.0, 0.0, 0.18)]
-LINKED = (tube(0.4, 0.1, (-0.2, 0.0, 0.0)), tube(0.4, 0.1, (0.2, 0.0, 0.0), axis=1))
+LINKED = (torus(0.4, 0.1, (-0.2, 0.0, 0.0)), torus(0.4, 0.1, (0.2, 0.0, 0.0), axis=1))
 CHAIN = (tube(0.3, 0.07, (-0.35, 0, 0)), tube(0.3, 0.07, axis=1), tube(0.3, 0.07, (0.35, 0, 0)))
 
 KNOWN: dict[str, Known] = {
@@ -157,7 +157,7 @@ KNOWN: dict[str, Known] = {
     "sphere in a torus's hole": Known(apart(torus(0.65, 0.2), sphere(0.3)), (0, 2)),
     "sphere in a torus": Known(product(torus(0.6, 0.3), sphere(0.1, (0.6, 0, 0))), (0, 2), cavities=1),
     "linked tori": Known(apart(*LINKED), (0, 0)),
-    "chain of three": Known(apart(*CHAIN), (0, 0, 0)),
+    "chain of three, by norms": Known(apart(*CHAIN), (0, 0, 0)),
     "genus 1 plate": Known(plate(HOLES[4]), (0,)),
     "genus 2 plate": Known(plate(*HOLES[:2]), (-2,)),
     "genus 3 plate": Known(plate(*HOLES[:2], HOLES[4]), (-4,)),

@@ -5,6 +5,7 @@
     python -m benchmarks.matched_features official 500 LIBRARY
     python -m benchmarks.matched_features cost 128 6 [LIBRARY]
     python -m benchmarks.matched_features planted 200
+    python -m benchmarks.matched_features blocks 384
 
 The first three end after a number of seconds that can follow, 600 by default. Their pairs have 26³ to 48³ voxels, and
 are sparse solids with tunnels or dense ones with cavities, 6- and 26-connected in turn.
@@ -21,10 +22,12 @@ import time
 from collections import Counter
 from itertools import permutations, product, takewhile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from scipy import ndimage
 
+import topokit as tk
 from topokit.comparison.solids import compare_solids
 from topokit.core.comparison.pair import SolidPair
 from topokit.core.comparison.tie_broken import betti_matched
@@ -107,6 +110,23 @@ def cost(n: int, connectivity: int, library: str | None = None) -> None:
         f"{n}³, {what}: {time.process_time() - started:.2f} CPU s, "
         f"{_peak() - before:.2f} GiB more than before, matched {tuple(int(m) for m in matched)}"
     )
+
+
+def blocks(n: int) -> None:
+    """Files of n³ voxels with features of tens of voxels, n a multiple of 4."""
+    tk.compare_blocks(*random_pair(8, 0, (1, 1), 0.5))  # compiles
+    coarse = random_pair(n // 4, 0, (2, 2), 0.8)
+    with TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{name}.npy" for name in "ab"]
+        for path, solid in zip(paths, coarse, strict=True):
+            file = np.lib.format.open_memmap(path, mode="w+", dtype=np.uint8, shape=(n, n, n))
+            for x in range(n):
+                file[x] = np.kron(solid[x // 4], np.ones((4, 4), np.uint8))
+        del file
+        before, started = _peak(), time.process_time()
+        found = tk.compare_blocks(*paths)
+        seconds, more = time.process_time() - started, _peak() - before
+    print(f"{n}³ block by block: {seconds:.2f} CPU s, {more:.2f} GiB more than before; {found}")
 
 
 def planted(n_each: int) -> None:
@@ -199,6 +219,6 @@ def _peak() -> float:
 
 
 if __name__ == "__main__":
-    {"oracle": oracle, "symmetry": symmetry, "official": official, "cost": cost, "planted": planted}[sys.argv[1]](
-        *(int(word) if word.isdigit() else word for word in sys.argv[2:])
-    )
+    {"blocks": blocks, "oracle": oracle, "symmetry": symmetry, "official": official, "cost": cost, "planted": planted}[
+        sys.argv[1]
+    ](*(int(word) if word.isdigit() else word for word in sys.argv[2:]))

@@ -106,6 +106,15 @@ def test_a_cumulative_metric_of_monai_counts_as_compare_does() -> None:
         real.aggregate()
 
 
+@pytest.mark.long
+def test_the_example_tells_dice_from_topology() -> None:
+    example = Path(__file__).parents[2] / "examples" / "evaluate_segmentation.py"
+    ran = subprocess.run([sys.executable, example], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    little, lot = ran.stdout.splitlines()
+    assert (little.split(":")[0], lot.split(":")[0]) == ("smoothed a little", "smoothed a lot")
+
+
 _PROCESS = """
 import sys, torch
 sys.path.insert(0, {folder!r})

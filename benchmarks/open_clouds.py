@@ -4,9 +4,9 @@
 
 DATA holds index.json and the closed meshes that it names. A cut is a mesh, 5 000, 10 000 or 30 000 random points of
 it, with or without normals, and the part of these that is kept. A scan keeps what is seen from far away in one
-direction. `--out` is continued if it exists. Rims that are narrower than two and a half times `report().resolution` are
-counted apart: such holes are as large as gaps between random samples. A rim's width is the diagonal of the box around
-its widest curve, traced on the mesh. The controls are the same points before they are cut.
+direction. `--out` is continued if it exists. A hole is as wide as the largest ball in the mesh whose center lies on the
+missing cap. Those narrower than `report().resolution` are counted apart: an answer claims nothing about them. The
+controls are the same points before they are cut.
 """
 
 from __future__ import annotations
@@ -23,9 +23,10 @@ import torch
 import trimesh
 from confidence import clean_meshes, read_rows
 from numpy.typing import NDArray
+from open3d.t.geometry import RaycastingScene
+from skimage.measure import marching_cubes
 
 import topokit as tk
-from topokit.core.labels import connected_labels
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -33,8 +34,7 @@ Booleans = NDArray[np.bool_]
 SIZES, SIZE_SHARES = (5_000, 10_000, 30_000), (0.4, 0.4, 0.2)
 KINDS, KIND_SHARES = ("plane", "box", "sphere", "scan"), (0.4, 0.25, 0.2, 0.15)
 FEWEST = 400  # points that must be left
-NARROW = 2.5  # resolutions, from which a rim must be recognized
-STEPS = 40  # edges on which rims are traced per longest side, at least
+STEPS = 128  # of the grid on which caps are looked for, along the longest side
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Cut:
 
     Attributes:
         kept: (N,) bool.
-        width: of the widest rim, in units of length.
+        width: of the widest hole, in units of length.
     """
 
     kept: Booleans
@@ -51,11 +51,11 @@ class Cut:
 
 
 def cut(kind: str, mesh: trimesh.Trimesh, points: Floats, normals: Floats, rng: np.random.Generator) -> Cut:
-    """A random part of the points, and how wide its rim is."""
+    """A random part of the points, and how wide the hole is that is left."""
     if kind == "scan":
         return Cut(seen(mesh, points, normals, rng), float(np.ptp(points, axis=0).max()))
     side = {"plane": half_space, "box": box, "sphere": ball}[kind](points, rng)
-    return Cut(side(points) > 0, rim_width(mesh, side))
+    return Cut(side(points) > 0, hole_width(mesh, side))
 
 
 def half_space(points: Floats, rng: np.random.Generator) -> Callable[[Floats], Floats]:
@@ -95,22 +95,18 @@ def seen(mesh: trimesh.Trimesh, points: Floats, normals: Floats, rng: np.random.
     return np.asarray((normals @ towards > 0) & (depth > front[pixel] - 4 * spacing))
 
 
-def rim_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float:
-    """Diagonal of the box around the widest curve on which the side of a closed mesh is zero."""
-    size = float(np.ptp(mesh.vertices, axis=0).max())
-    vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, size / STEPS, max_iter=20)
-    value = side(vertices)
-    faces = faces[(value[faces] > 0).any(1) & (value[faces] <= 0).any(1)]
-    edges = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2)
-    crossed = edges[(value[edges[..., 0]] > 0) != (value[edges[..., 1]] > 0)]
-    if len(crossed) == 0:
-        return 0.0
-    share = (value[crossed[:, 0]] / (value[crossed[:, 0]] - value[crossed[:, 1]]))[:, None]
-    places = vertices[crossed[:, 0]] * (1 - share) + vertices[crossed[:, 1]] * share
-    node = np.unique(np.round(places / size * 1e6).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
-    first, second = node.reshape(-1, 2).T  # two crossed edges of every face
-    curve = connected_labels(int(node.max()) + 1, first, second)[node]
-    return max(float(np.linalg.norm(np.ptp(places[curve == one], axis=0))) for one in np.unique(curve))
+def hole_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float:
+    """Width of the largest ball in a closed mesh whose center lies where the side is zero: in the missing cap."""
+    low, high = mesh.bounds
+    step = float((high - low).max()) / STEPS
+    ticks = [np.arange(first - step, last + 2 * step, step) for first, last in zip(low, high, strict=True)]
+    value = side(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3))
+    grid = value.reshape([len(tick) for tick in ticks])
+    places = marching_cubes(grid, 0.0, spacing=(step,) * 3)[0] + [tick[0] for tick in ticks]
+    scene = RaycastingScene()
+    scene.add_triangles(np.float32(mesh.vertices), np.uint32(mesh.faces))
+    depth = -scene.compute_signed_distance(np.float32(places)).numpy()
+    return 2 * max(float(depth.max()), 0.0)
 
 
 def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[str, Any]]) -> dict[str, Any] | None:
@@ -150,13 +146,13 @@ def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[s
 def print_table(rows: list[dict[str, Any]]) -> None:
     """One line for each kind of cut, size and kind of input: what was said of the cut clouds and of the controls."""
     print(
-        "| cut by | clouds | open | closed, unsure | closed, likely | narrow rims | controls likely | controls open |"
+        "| cut by | clouds | open | closed, unsure | closed, likely | narrow holes | controls likely | controls open |"
     )
     print("|---" * 8 + "|")
     keys = [("kind", kind) for kind in KINDS] + [("points", size) for size in SIZES]
     for key, value in [*keys, ("normals", True), ("normals", False), (None, "all")]:
         own = [row for row in rows if key is None or row[key] == value]
-        wide = [row for row in own if row["width"] >= NARROW]
+        wide = [row for row in own if row["width"] >= 1]
         closed = [row for row in wide if row["closed"]]
         likely = sum(row["verdict"] == "likely" for row in closed)
         label = value if key != "normals" else ("with normals" if value else "without normals")

@@ -86,8 +86,9 @@ class Look:
         Noise leaves gaps in the surface that was found, too: with it, holes must be wider in proportion to the smallest
         feature that is seen.
         """
-        own = self.settings.quality
-        patches = uncovered_patches(self.cloud.complex_, self.cut.inside, self.cloud.points, own.uncovered)
+        own, cloud = self.settings.quality, self.cloud
+        normals = cloud.normals[cloud.samples.kept]
+        patches = uncovered_patches(cloud.complex_, self.cut.inside, cloud.points, normals, own)
         least = own.lid * (self._feature / own.feature) ** 2
         return tuple(patch for patch in patches if patch.missing > least)
 

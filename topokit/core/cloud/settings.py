@@ -241,6 +241,13 @@ class QualitySettings:
         "to the nearest point from which a place is uncovered",
         "1 in 1 000 places between random samples",
     )
+    facing: float = _number(
+        0.2,
+        "cosine",
+        "mean between a facet of the found surface and the normals at its corners, below which no sample supports it",
+        "the end of a wall that was cut through: 0; 12 closed meshes, 5 000 and 10 000 points, clean and noisy, with "
+        "normals of faces or of vertices: a larger patch of such facets in one, at most 14 samples",
+    )
     lid: float = _number(
         25,
         "samples",

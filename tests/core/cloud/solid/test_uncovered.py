@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import torch
+import trimesh
 from numpy.typing import NDArray
 
 from topokit.core.cloud.normals.patches import neighborhoods_of
@@ -16,13 +17,13 @@ from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches
 from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
-FAR = QualitySettings().uncovered
+QUALITY = QualitySettings()
 RANDOM = 25  # more samples than this are never missing between random ones
 
 
 def patches_of(points: Floats, normals: Floats) -> tuple[UncoveredPatch, ...]:
     complex_ = delaunay_complex(points, neighborhoods_of(points, PatchSettings()).spacings)
-    return uncovered_patches(complex_, cut_complex(complex_, normals).inside, points, FAR)
+    return uncovered_patches(complex_, cut_complex(complex_, normals).inside, points, normals, QUALITY)
 
 
 def sphere(n_points: int, seed: int = 0) -> Floats:
@@ -68,5 +69,18 @@ def test_points_between_sparse_samples_cover_the_surface() -> None:
     samples = points[sparse]
     complex_ = delaunay_complex(samples, (4 * math.pi / len(points)) ** 0.5)
     inside = cut_complex(complex_, samples).inside
-    assert uncovered_patches(complex_, inside, samples, FAR)[0].missing > 2 * RANDOM
-    assert max((patch.missing for patch in uncovered_patches(complex_, inside, points, FAR)), default=0.0) < RANDOM
+    assert uncovered_patches(complex_, inside, samples, samples, QUALITY)[0].missing > 2 * RANDOM
+    covered = uncovered_patches(complex_, inside, points, samples, QUALITY)
+    assert max((patch.missing for patch in covered), default=0.0) < RANDOM
+
+
+def test_the_end_of_a_cut_wall_faces_where_no_sample_does() -> None:
+    """No place of it is more than 1.25 spacings from a sample."""
+    plate = trimesh.creation.box((40.0, 40.0, 2.5))
+    points, face = trimesh.sample.sample_surface(plate, round(plate.area), seed=0)
+    normals = plate.face_normals[face]
+    assert max((patch.missing for patch in patches_of(points, normals)), default=0.0) < RANDOM
+    kept = points[:, 0] < 10
+    lid = patches_of(points[kept], normals[kept])[0]
+    assert RANDOM < lid.missing < 40 * 2.5
+    assert points[kept][lid.samples][:, 0].min() > 10 - 4

@@ -1,8 +1,9 @@
 """The part of a found surface that no sample supports: lids over holes of the cloud.
 
-A cut is closed whatever the samples are: it spans each hole of an open cloud with large facets. Independent samples
-leave gaps, too, but small ones: a region in which a samples are expected is empty with probability exp(−a), whatever
-its form. So what counts is how many samples are missing from a connected patch of facets far from all samples.
+A cut is closed whatever the samples are: it spans each hole of an open cloud with facets that are far from all samples,
+or that face where no sample does, like the end of a wall that was cut through. Independent samples leave gaps, too, but
+small ones: a region in which a samples are expected is empty with probability exp(−a), whatever its form. So what
+counts is how many samples are missing from a connected patch of such facets.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.solid.tetrahedra import FACETS, DelaunayComplex, separating_facets
 from topokit.core.labels import connected_labels
 
@@ -23,7 +25,7 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class UncoveredPatch:
-    """A connected part of the surface of a cut that lies far from all samples.
+    """A connected part of the surface of a cut that no sample supports.
 
     Attributes:
         missing: its area in squared local spacings: about as many samples would be expected there.
@@ -35,27 +37,30 @@ class UncoveredPatch:
 
 
 def uncovered_patches(
-    complex_: DelaunayComplex, inside: Booleans, cloud: Floats, far: float
+    complex_: DelaunayComplex, inside: Booleans, cloud: Floats, normals: Floats, settings: QualitySettings
 ) -> tuple[UncoveredPatch, ...]:
     """The uncovered patches of the solid's surface, largest first.
 
     A facet is uncovered if its point farthest from its corners has no point of the cloud within some spacings, where
-    the spacing is the widest of those at its corners. Samples of a large cloud are sparse where it is flat, so facets
-    there may be wide; but the cloud covers them.
+    the spacing is the widest of those at its corners, or if it does not face the way the normals at its corners do.
+    Samples of a large cloud are sparse where it is flat, so facets there may be wide; but the cloud covers them.
 
     Args:
         complex_: tetrahedra of N samples.
         inside: (T,).
         cloud: (M, 3), all points, of which the samples are a part.
-        far: spacings to the nearest point from which a place is uncovered.
+        normals: (N, 3), unit, outward, of the samples.
+        settings: `uncovered` and `facing`.
     """
     tetrahedron, corner = separating_facets(complex_, inside)
     facets = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
     spacing = complex_.spacing[facets].max(1, initial=0.0)
     place, radius = _farthest_places(complex_.points[facets])
-    wide = np.flatnonzero(radius > far * spacing)  # no place of a facet is farther from all samples than from corners
+    limit = settings.uncovered * spacing
+    wide = np.flatnonzero(radius > limit)  # no place of a facet is farther from all samples than from its corners
     distance = cKDTree(complex_.normalized(cloud)).query(place[wide])[0]
-    found = wide[distance > far * spacing[wide]]
+    cosine = np.einsum("fa,fka->fk", complex_.facet_normal[tetrahedron, corner], normals[facets]).mean(1)
+    found = np.union1d(wide[distance > limit[wide]], np.flatnonzero(cosine < settings.facing))
     patch = _across_edges(facets[found])
     missing = np.bincount(patch, complex_.facet_area[tetrahedron[found], corner[found]])
     return tuple(

@@ -101,6 +101,8 @@ def hole_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float
     step = float((high - low).max()) / STEPS
     ticks = [np.arange(first - step, last + 2 * step, step) for first, last in zip(low, high, strict=True)]
     value = side(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 3))
+    if not value.min() < 0 < value.max():
+        return 0.0  # the hole is narrower than the grid sees
     grid = value.reshape([len(tick) for tick in ticks])
     places = marching_cubes(grid, 0.0, spacing=(step,) * 3)[0] + [tick[0] for tick in ticks]
     scene = RaycastingScene()

@@ -27,7 +27,8 @@ FLOORS = [
 ]
 CORE_FLOORS = [
     {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
-    | {"processors", "progress", "surface", "loops", "precision", "residence", "removal", "persistence"},
+    | {"processors", "progress", "surface", "loops", "precision", "residence", "removal"}
+    | {"persistence", "separation"},
     {"local", "grid"},
     {"blocks"},
     {"cloud", "mesh", "homotopy", "comparison"},

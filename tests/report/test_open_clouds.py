@@ -38,7 +38,7 @@ def test_what_is_cut_off_must_be_larger_than_gaps_between_samples() -> None:
     known = sphere_samples(4000, generator=torch.Generator().manual_seed(0))
     spacing = (4 * torch.pi / 4000) ** 0.5
     north = torch.tensor([0.0, 0, 1], dtype=torch.float64)
-    for radius, closed, verdict in ((1.5, True, "likely"), (4.0, True, "unsure"), (5.0, False, "unsure")):
+    for radius, closed, verdict in ((1.5, True, "likely"), (4.0, False, "likely"), (5.0, False, "likely")):
         points = known.points[(known.points - north).norm(dim=1) > radius * spacing]
         report = tk.from_points(points).report()  # a gap of three spacings is one among random samples
         assert (report.closed, report.verdict) == (closed, verdict)

@@ -11,10 +11,11 @@ from witnesses import a_wire, a_witness, votes_of
 
 import topokit as tk
 from topokit.core.cloud.given import Signs
+from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.votes import Vote
 from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
-from topokit.report.cloud_wording import check_sentences
+from topokit.report.cloud_wording import check_sentences, open_sentences
 from topokit.report.confidence import EVIDENCE, cloud_confidence
 from topokit.report.verdict import (
     CONDITIONS,
@@ -26,8 +27,10 @@ from topokit.report.verdict import (
     is_mostly_seen,
     is_open,
     is_open_sheet,
+    lasting_euler,
     lids,
     mesh_verdict,
+    open_checks,
     overlaps,
     volume_verdict,
     wire_checks,
@@ -130,9 +133,43 @@ def test_each_rule_of_wires_decides_alone_at_its_limit(name: str) -> None:
     assert cloud_verdict(checks) == "unsure"
 
 
+OPEN_RULES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "balls": ({"shares": {1: 0.8, 0: 0.2}}, {"shares": {1: 0.79, 0: 0.21}}),
+    "pieces": ({}, {"components": 3}),
+    "rims": ({"closed": 1}, {"closed": 0}),
+}
+"""Of two parts with χ = 1 and one rim."""
+
+
+def a_sheet(**changed: Any) -> SheetReading:
+    return SheetReading(**({"shares": {1: 1.0}, "components": 2, "closed": 1, "n_samples": 100} | changed))
+
+
+@pytest.mark.parametrize("name", OPEN_RULES)
+def test_each_rule_of_open_clouds_decides_alone_at_its_limit(name: str) -> None:
+    met, broken = OPEN_RULES[name]
+    assert cloud_verdict(open_checks(1, 2, 1, a_sheet(**met), a_witness())) == "likely"
+    checks = open_checks(1, 2, 1, a_sheet(**broken), None)
+    assert {check.name for check in checks if not check.passed} == {name}
+    assert cloud_verdict(checks) == "unsure"
+    assert all("{" not in sentence for part in open_sentences(checks, a_sheet(**broken), 1, 2) for sentence in part)
+
+
+def test_open_clouds_have_a_rim_and_enough_samples() -> None:
+    assert cloud_verdict(open_checks(1, 1, 0, a_sheet(components=1, closed=1), None)) == "unsure"
+    assert cloud_verdict(open_checks(1, 1, 1, None, None)) == "unsure"
+    two_sheets = a_witness(quality={"double": limit("double") + 0.01})
+    assert cloud_verdict(open_checks(1, 2, 1, a_sheet(), two_sheets)) == "unsure"
+
+
+def test_balls_decide_where_they_last() -> None:
+    assert lasting_euler(a_sheet(shares={0: 0.8, 1: 0.2}), 1) == 0
+    assert lasting_euler(a_sheet(shares={0: 0.79, 1: 0.21}), 1) == 1
+
+
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
     elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped"}  # in the tests below and above
-    assert {*CLOUD_RULES, *WIRE_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
+    assert {*CLOUD_RULES, *WIRE_RULES, *OPEN_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from topokit.core.neighbors import neighbor_components
 from topokit.report.cloud_wording import (
     check_sentences,
     confidence_sentences,
+    open_sentences,
     outlier_sentences,
     preparation_sentences,
 )
@@ -31,7 +32,9 @@ from topokit.report.verdict import (
     has_genus,
     is_mostly_seen,
     is_open,
+    lasting_euler,
     lids,
+    open_checks,
     wire_checks,
 )
 from topokit.report.wording import plural, position
@@ -93,37 +96,75 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
 def _open_report(found: Examination) -> TopologyReport:
     """The surface that ends along its rims: that of a solid without the lids over its holes, or an open sheet.
 
-    χ, components, rims and genus are those of one surface: with a disc in every rim it has the same genus. The χ of a
-    solid's surface is that of its votes, less one for every lid. That of a sheet is the nearest to its estimate that a
-    surface with so many rims has; without a traced rim its genus is unknown.
+    χ, components, rims and genus are those of one surface: with a disc in every rim it has the same genus. Where the
+    union of balls has another χ for nearly all radii, that is taken, unless no such surface has these rims.
     """
-    witness, boundary = found.witness, found.part.boundary
-    components, covers = _cloud_components(found), lids(witness)
-    if witness is not None and covers and is_mostly_seen(witness):
-        widths = tuple(sorted((_width(found, cover.samples) for cover in covers), reverse=True))
-        n_components, n_discs = witness.components + witness.cavities, len(covers)
-        nearest = float(_solid_euler(witness) - n_discs)
-    else:
-        widths = tuple(sorted((_width(found.part, curve.index.numpy()) for curve in boundary.curves), reverse=True))
-        n_components, n_discs, nearest = len(components), len(boundary.curves), found.part.estimate
-        if not n_discs and witness is not None:
-            n_components, n_discs = witness.components + witness.cavities, len(covers)
-            nearest = float(_solid_euler(witness) - n_discs)
-    most = 2 * n_components - n_discs
-    euler = min(most, most - 2 * round((most - nearest) / 2))
+    sheet, trials = found.sheet, _open_surfaces(found)
+    checked = [open_checks(one.euler, one.components, len(one.widths), sheet, found.witness) for one in trials]
+    best = next((number for number, checks in enumerate(checked) if cloud_verdict(checks) == "likely"), 0)
+    known, checks = trials[best], checked[best]
+    rims, components = len(known.widths), known.components
+    deciding, others = open_sentences(checks, sheet, known.euler, components)
+    lasting = known.euler if sheet is None else lasting_euler(sheet, known.euler)
+    is_taken = known.of_sheet or fitting_genus(lasting, rims, components) is not None
+    euler = lasting if is_taken else known.euler
     where = (*_where_open(found.part), *_where_uncovered(found))
     return _report(
         found,
         euler=euler,
-        verdict="unsure",
-        reasons=(*where, *_refusal(found)),
-        n_deciding=len(where),
-        components=components,
-        n_components=n_components,
-        genus=fitting_genus(euler, n_discs, n_components) if widths else None,
-        boundary_loops=len(widths) or None,  # rims that cannot be traced cannot be counted
-        rim_widths=widths,
+        verdict=cloud_verdict(checks),
+        reasons=(*where, *deciding, *others, *_refusal(found)),
+        n_deciding=len(deciding) + len(where),
+        components=_cloud_components(found),
+        n_components=components,
+        genus=fitting_genus(euler, rims, components) if rims else None,
+        boundary_loops=rims or None,  # rims that cannot be traced cannot be counted
+        rim_widths=known.widths,
+        smallest=found.part.boundary.narrowest,
     )
+
+
+@dataclass(frozen=True)
+class _OpenSurface:
+    """An open surface by its rims.
+
+    Attributes:
+        components: parts of the surface.
+        euler: the nearest to what was measured that a surface with so many parts and rims has.
+        widths: of the rims that could be traced, the widest first.
+        of_sheet: whether it is a sheet rather than a solid with holes.
+    """
+
+    components: int
+    euler: int
+    widths: tuple[float, ...]
+    of_sheet: bool
+
+
+def _open_surfaces(found: Examination) -> list[_OpenSurface]:
+    """What the surface can be: a solid with holes, whose rims are those of its lids, and a sheet with traced rims.
+
+    χ of the solid is that of the votes, less one for every lid; that of the sheet is near the estimate. The solid comes
+    first if most of its surface was seen.
+    """
+    witness, curves = found.witness, found.part.boundary.curves
+    covers, trials = lids(witness), []
+    if curves or witness is None:
+        widths = [_width(found.part, curve.index.numpy()) for curve in curves]
+        trials.append(_open_surface(len(_cloud_components(found)), len(curves), found.part.estimate, widths, True))
+    if witness is not None and (covers or not curves):
+        is_solid = is_mostly_seen(witness)
+        widths = [_width(found, cover.samples) for cover in covers] if is_solid else []
+        euler = float(_solid_euler(witness) - len(covers))
+        solid = _open_surface(witness.components + witness.cavities, len(covers), euler, widths, not is_solid)
+        trials.insert(0 if is_solid else len(trials), solid)
+    return trials
+
+
+def _open_surface(components: int, discs: int, nearest: float, widths: list[float], of_sheet: bool) -> _OpenSurface:
+    most = 2 * components - discs
+    euler = min(most, most - 2 * round((most - nearest) / 2))
+    return _OpenSurface(components, euler, tuple(sorted(widths, reverse=True)), of_sheet)
 
 
 def _solid_euler(witness: Witness) -> int:
@@ -166,8 +207,10 @@ def _report(
     closed: bool = False,
     confidence: float | None = None,
     rim_widths: tuple[float, ...] = (),
+    smallest: float = 0.0,
 ) -> TopologyReport:
     witness = found.witness
+    seen = _SMALLEST * found.part.boundary.spacing if witness is None else witness.resolution
     return TopologyReport(
         name="",
         euler=euler,
@@ -184,7 +227,7 @@ def _report(
         estimate=None,
         refined=None,
         solid=None,
-        resolution=_SMALLEST * found.part.boundary.spacing if witness is None else witness.resolution,
+        resolution=max(seen, smallest),
         per_component=components,
         n_deciding=n_deciding,
         confidence=confidence,

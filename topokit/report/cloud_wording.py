@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from topokit.core.cloud.findings import Witness
 from topokit.core.cloud.settings import QualitySettings
+from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
@@ -61,6 +62,13 @@ _SENTENCES = {
         "Only {value:.1%} of the given normals are confirmed by the points.",
     ),
     "contradictory": ("", "The given normals contradict each other: {value:.0%} point the wrong way."),
+    "balls": (
+        "The union of balls around the samples has χ = {euler}, too, for {value:.0%} of all radii, by weight.",
+        "The surface with its rims has χ = {euler}, but the union of balls around the samples has it for only "
+        "{value:.0%} of all radii, by weight{other_balls}.",
+    ),
+    "pieces": ("", "The union of balls has {ball_pieces}, not {components}."),
+    "rims": ("", "Every part of an open surface has a rim, but only {value:.0f} could be traced."),
     "wire_range": (
         "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
         "of balls around the points gives χ = {euler} for radii from {smallest:.2g} to {largest:.2g} sample spacings, "
@@ -95,7 +103,22 @@ def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[tuple[
 
     Every check decides a likely answer; the failed ones decide an unsure one.
     """
-    numbers = _numbers(witness)
+    return _divided(checks, _numbers(witness))
+
+
+def open_sentences(
+    checks: tuple[Check, ...], sheet: SheetReading | None, euler: int, components: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The same for an open cloud."""
+    numbers: dict[str, object] = {"euler": euler, "components": components}
+    if sheet is not None:
+        value, share = next(iter(sheet.shares.items()))
+        numbers["other_balls"] = "" if value == euler else f"; {share:.0%} give χ = {value}"
+        numbers["ball_pieces"] = plural(sheet.components, "part")
+    return _divided(checks, numbers)
+
+
+def _divided(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     failed = tuple(check for check in checks if not check.passed)
     deciding = failed or checks
     others = tuple(check for check in checks if check not in deciding)

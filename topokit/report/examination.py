@@ -16,7 +16,8 @@ from torch import Tensor
 from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
-from topokit.core.cloud.settings import SamplingSettings
+from topokit.core.cloud.settings import SamplingSettings, WireSettings
+from topokit.core.cloud.sheets import SheetReading, read_sheet
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate, estimate_boundary
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
@@ -107,6 +108,12 @@ class Examination:
             return BoundaryEstimate((), 0.0, float(self.curvature.area.mean().sqrt()))
         with self._timed():
             return estimate_boundary(self.samples.points, self.neighbors)
+
+    @cached_property
+    def sheet(self) -> SheetReading | None:
+        """The union of balls around the samples of the part; None if they are too few."""
+        part = self.part
+        return read_sheet(part.samples.points, part.neighbors, WireSettings())
 
     @contextmanager
     def _timed(self) -> Iterator[None]:

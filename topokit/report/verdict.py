@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
@@ -53,6 +54,10 @@ _ONE_DRAW = (
 _TUBES = (
     "67 tubes along random graphs, knots, polyhedra, helices and chained rings, radius 0.3 to 1.6 spacings, "
     "1 500 to 4 000 points"
+)
+_CUT = (
+    "130 open clouds that planes, boxes and spheres cut from closed meshes, 5 000 to 30 000 random points before: 42 "
+    "are likely; two of them are wrong, in which a part of less than seven samples is missing"
 )
 _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and without holes, 1 000 to 10 000 points"
 
@@ -121,6 +126,13 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "lids over the holes of the closed surface that was found; above it, the cloud is an open sheet",
             "a hemisphere's lid is 0.33 of its closed surface, that of a flat sheet 0.5",
         ),
+        "balls": Threshold(
+            0.8,
+            "at least",
+            "share of weight",
+            "radii of the union of balls around the samples of an open cloud that give its integer",
+            _CUT,
+        ),
         "wire_share": Threshold(
             0.3, "at least", "share of weight", "radii of the union of balls that give the integer of a wire", _TUBES
         ),
@@ -151,9 +163,11 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "genus": "there is a surface, and its integer is not too large for the number of surfaces",
         "boundary": "no curve looks like a boundary",
         "contradictory": "the given normals do not contradict each other",
+        "pieces": "the union of balls around the samples of an open cloud has as many parts",
+        "rims": "an open cloud has a rim for each part that encloses no space",
     }
 )
-"""Checks without a limit: each is made only where it fails, except the first."""
+"""Checks without a limit."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +233,7 @@ def proof_verdict(*, is_complete: bool, reaches_box: bool) -> Verdict:
 
 
 def cloud_verdict(checks: tuple[Check, ...]) -> Verdict:
-    """A closed cloud is likely if both families of votes give its integer and such answers are nearly always right."""
+    """A cloud is likely if all conditions are met: for closed ones both families of votes, for open ones balls, too."""
     return "likely" if all(check.passed for check in checks) else "unsure"
 
 
@@ -246,6 +260,40 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
     elif witness.signs.confirmed is not None:
         checks.append(_check("confirmed", witness.signs.confirmed))
     return tuple(checks)
+
+
+def open_checks(
+    euler: int, components: int, n_rims: int, sheet: SheetReading | None, witness: Witness | None
+) -> tuple[Check, ...]:
+    """The conditions under which the integer of an open cloud is likely.
+
+    Args:
+        euler: that of the found surface without its lids, or of the traced rims and the curvature.
+        components: parts of that surface.
+        n_rims: its known rims.
+        sheet: the union of balls around the samples, or None if these are too few.
+        witness: what was found of a closed surface, or None if there is none.
+    """
+    if sheet is None:
+        return (Check("points", 0.0, False),)
+    checks = [
+        _check("balls", sheet.shares.get(euler, 0.0)),
+        Check("pieces", float(sheet.components), sheet.components == components),
+        Check("rims", float(n_rims), n_rims >= max(components - sheet.closed, 1)),
+    ]
+    if witness is not None:
+        checks += _unless_passed("double", witness.quality.double)
+        checks += _unless_passed("rounding", witness.rounding / witness.spacing)
+    return tuple(checks)
+
+
+def lasting_euler(sheet: SheetReading, traced: int) -> int:
+    """The χ of an open cloud: that of the union of balls if it stands for nearly all radii, or else that of its rims.
+
+    Of 20 cut clouds on which they differ, balls are right on eleven, rims on two.
+    """
+    value, share = next(iter(sheet.shares.items()))
+    return value if THRESHOLDS["balls"].allows(share) else traced
 
 
 def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:

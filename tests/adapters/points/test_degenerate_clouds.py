@@ -36,7 +36,6 @@ ZOO: dict[str, Callable[[int], Floats]] = {
     "line": lambda n: noise(n)[:, :1] * [1, 2, 3],
     "nearly a line": lambda n: noise(n) * [1, 1e-5, 1e-5],
     "lattice": lambda n: lattice(round(n ** (1 / 3))),
-    "flat lattice": lambda n: lattice(round(n**0.5))[:: round(n**0.5)],
     "two places": lambda n: np.repeat([[0.0, 0, 0], [1, 1, 1]], n // 2, axis=0),
     "33 points": lambda n: sphere(33),
 }
@@ -51,6 +50,11 @@ def test_degenerate_clouds_are_never_believed(name: str) -> None:
     report = report_of(ZOO[name](1000))
     assert report.verdict == "unsure"
     assert report.reasons
+
+
+def test_a_flat_lattice_is_a_square() -> None:
+    report = report_of(lattice(32)[::32])
+    assert (report.euler, report.closed, report.boundary_loops, report.verdict) == (1, False, 1, "likely")
 
 
 @pytest.mark.parametrize(("name", "n_points"), [("two places", 100_000), ("line", 40_000)])

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from tubes import torus_knot, tube
 
+import topokit as tk
 from topokit.core.cloud.settings import CloudSettings, SamplingSettings, WireSettings
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.local.boundary import BoundaryEstimate
@@ -270,3 +271,12 @@ def test_ill_fitting_normals_are_refused() -> None:
         global_witness(points, normals[:50])
     with pytest.raises(InputError, match="finite"):
         global_witness(points, normals * torch.nan)
+
+
+@pytest.mark.parametrize("shift", [1 / 12, 1 / 6, 1 / 4])
+def test_two_scans_of_one_surface_are_one_surface(shift: float) -> None:
+    """The second one is moved by a part of the sample spacing, as after a registration."""
+    known = torus_samples(3000, generator=torch.Generator().manual_seed(0))
+    way = torch.tensor([1.0, 2.0, 2.0]).double() / 3 * (known.area / len(known.points)) ** 0.5
+    report = tk.from_points(torch.cat((known.points, known.points + shift * way))).report()
+    assert (report.euler, report.closed, report.verdict) == (0, True, "likely")

@@ -39,6 +39,11 @@ class Cloud:
     normals: Floats | None
     oriented: bool
 
+    @property
+    def signed(self) -> Floats | None:
+        """The normals if their signs mean anything, or None."""
+        return self.normals if self.oriented else None
+
     def at(self, moved: Floats, kept: Integers) -> Cloud:
         """Some of its points at other positions."""
         return Cloud(moved, None if self.normals is None else self.normals[kept], self.oriented)

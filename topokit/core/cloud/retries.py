@@ -194,7 +194,7 @@ def _lengths(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> 
     own, near = settings.shifts, settings.quality.near
     behind, ahead = clearances(normals, local, settings)
     toward_room = np.clip(ahead - behind, -1, 1)
-    around = local.index[:, : own.smoothed_over + 1]
+    around = local.index[:, : settings.patches.graph + 1]
     for _ in range(2):
         toward_room = toward_room[around].mean(1)
     outward = 1.0 if (behind < near).sum() >= (ahead < near).sum() else -1.0

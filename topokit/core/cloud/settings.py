@@ -53,7 +53,12 @@ class GuardSettings:
 class PatchSettings:
     """Neighborhoods of points."""
 
-    graph: int = _number(8, "neighbors", "that signs are carried to, and of the disc that a point stands for", GEOMETRY)
+    graph: int = _number(
+        8,
+        "neighbors",
+        "that signs are carried to, and of the disc that a point stands for; shifts are averaged over them, twice",
+        GEOMETRY,
+    )
     plane: int = _number(10, "neighbors", "of a point's plane: few, so that sheets close together are not mixed", REAL)
     spacing: int = _number(16, "neighbors", "of a sample over which the local spacing is averaged", REAL)
     wide: int = _number(39, "neighbors", "of a sample among which opposite sheets are looked for", GEOMETRY)
@@ -169,7 +174,16 @@ class SamplingSettings:
         20_000, "samples", "of a larger cloud; half as many for comparison, twice as many in doubt", COST
     )
     most_points: int = _number(2_000_000, "points", "that are measured, evenly many along a curve", COST)
-    probes: int = _number(1000, "points", "at which noise, thin walls, double sheets and wires are looked for", COST)
+    crowd: float = _number(
+        0.85,
+        "points",
+        "within half a spacing of a point, on average, from which groups of points count as one",
+        "random samples of ten meshes: 0.66 to 0.70, less with noise; two scans, up to a third of a spacing apart: at "
+        "least 0.92",
+    )
+    probes: int = _number(
+        1000, "points", "at which groups, noise, thin walls, double sheets and wires are looked for", COST
+    )
     boundary_points: int = _number(50_000, "points", "on which boundaries are looked for and curvature is summed", COST)
 
 
@@ -234,12 +248,11 @@ class QualitySettings:
     """Sheets that are close together, and the size of features that can be seen."""
 
     near: float = _number(1.5, "spacings", "at which an opposite sheet makes edges look like boundaries", REAL)
-    wide: float = _number(2.5, "spacings", "at which an opposite sheet counts as close", REAL)
     uncovered: float = _number(
-        1.5,
+        1.3,
         "spacings",
         "to the nearest point from which a place is uncovered",
-        "1 in 1 000 places between random samples",
+        "random samples of a sphere: patches of up to 13 samples; holes of seven spacings in them: at least 25",
     )
     facing: float = _number(
         0.2,
@@ -252,11 +265,13 @@ class QualitySettings:
         25,
         "samples",
         "missing from a patch of the found surface; above it, the patch is a lid over a hole of a clean cloud",
-        "a region where a random samples are expected is empty with probability exp(-a): a patch misses at most 15.8 "
-        "in 60 draws of 20 000 on a plane, 17 in 10 000 points from 24 of 26 closed meshes (two have thin walls), and "
-        "at least 48 in 24 of 26 clouds that planes, boxes and spheres cut from these",
+        "a region where a random samples are expected is empty with probability exp(-a): 10 000 points from 12 closed "
+        "meshes: at most 17; 175 clouds that planes, boxes and spheres cut from closed meshes (benchmarks/"
+        "open_clouds.py)",
     )
-    feature: float = _number(2.5, "spacings", "of the smallest feature that is seen in clean samples", REAL)
+    feature: float = _number(
+        2.5, "spacings", "of the smallest feature that is seen in clean samples; nearer opposite sheets are close", REAL
+    )
     blur: float = _number(4.0, "ratio", "added to it by noise, in units of its standard deviation", GEOMETRY)
     clean: float = _number(0.15, "spacings", "roughness of clean samples of curved surfaces", REAL)
 
@@ -270,12 +285,11 @@ class ShiftSettings:
     )
     free: float = _number(3.0, "spacings", "beyond which another sheet does not matter", REAL)
     sideways: float = _number(0.7, "spacings", "by which the opposite sample of a sheet may lie aside", GEOMETRY)
-    smoothed_over: int = _number(8, "neighbors", "over which shifts are averaged, twice", REAL)
 
 
 @dataclass(frozen=True)
 class WireSettings:
-    """Clouds that are one-dimensional everywhere."""
+    """Unions of balls: around clouds that are one-dimensional everywhere, and around open ones."""
 
     sizes: tuple[int, ...] = _number((25, 50, 100), "points", "of the neighborhoods that are tested", WIRES)
     fewest_patches: int = _number(20, "neighborhoods", "of a size that the cloud must hold", WIRES)
@@ -287,11 +301,18 @@ class WireSettings:
     )
     samples: int = _number(10_000, "points", "that are read, evenly spread", COST)
     smallest: float = _number(1.0, "spacings", "radius of balls that close all gaps along a wire", WIRES)
-    largest: float = _number(6.0, "spacings", "radius of balls that join wires", WIRES)
+    largest: float = _number(
+        6.0, "spacings", "radius of balls that join wires, and distance of stray points from all others", WIRES
+    )
     tail: float = _number(0.05, "share of weight", "left out at both ends of the range of radii", WIRES)
-    gap: float = _number(6.0, "spacings", "that join everything but stray points", WIRES)
     smallest_part: int = _number(20, "points", "of a separate part that is not clutter", WIRES)
     around: int = _number(30, "neighbors", "that hold a whole cross-section", WIRES)
+    open_radii: tuple[float, float] = _number(
+        (1.7, 3.5),
+        "spacings",
+        "of the smallest balls around an open cloud, which close all gaps between samples, and of the largest",
+        "130 open clouds that planes, boxes and spheres cut from closed meshes, 5 000 to 30 000 random points before",
+    )
 
 
 @dataclass(frozen=True)

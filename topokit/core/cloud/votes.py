@@ -208,7 +208,7 @@ def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: C
     return SampleQuality(
         coverage=cut.coverage,
         roughness=surface.thickness / cloud.local.spacing,
-        crowded_wide=crowded_share(surface, cloud.normals, cloud.areas, cloud.samples.kept, quality.wide, settings),
+        crowded_wide=crowded_share(surface, cloud.normals, cloud.areas, cloud.samples.kept, quality.feature, settings),
         crowded_boundary=crowded_share(surface, cloud.normals, cloud.areas, few, coarser, settings),
         double=double_share(surface, cloud.normals, sampling.probes, settings.doubles),
     )

@@ -25,6 +25,7 @@ from topokit.core.cloud.guards import (
 from topokit.core.cloud.look import Cloud, Look, look_at
 from topokit.core.cloud.noise import averaged
 from topokit.core.cloud.normals.patches import Surface, surface_of, turned_towards, unit
+from topokit.core.cloud.repeated import separate_samples
 from topokit.core.cloud.retries import look_again
 from topokit.core.cloud.sampling.copies import distinct
 from topokit.core.cloud.sampling.cubes import curve_order
@@ -74,11 +75,14 @@ def global_witness(
     entry = _Entry.of(points, normals, oriented, settings)
     with stages(_stage_weights(len(entry.kept), settings)):
         begin("neighborhoods")
-        cloud = entry.cloud
-        surface = surface_of(cloud.points, settings.patches)
-        strand = read_wire(cloud.points, surface.tree, settings.wires)
+        surface = surface_of(entry.cloud.points, settings.patches)
+        strand = read_wire(surface.points, surface.tree, settings.wires)
         if strand is not None:
             return _wire_witness(entry, surface, *strand, settings, start)
+        while (groups := separate_samples(surface, entry.cloud.signed, settings.sampling)) is not None:
+            entry = entry.represented(*groups)
+            surface = surface_of(entry.cloud.points, settings.patches)
+        cloud = entry.cloud
         refuse_filled_space(cloud.points, settings.guards)
         preparation: Preparation = "whole" if len(cloud.points) <= settings.sampling.whole else "sampled"
         fewer = averaged(surface, settings)
@@ -133,6 +137,11 @@ class _Entry:
     def reduced(self, kept: Integers) -> _Entry:
         """The same for some of the cloud's points."""
         return replace(self, kept=self.kept[kept])
+
+    def represented(self, kept: Integers, owner: Integers) -> _Entry:
+        """The same for some of the cloud's points, which stand for all: `owner` (M,) for each."""
+        cloud = self.cloud.at(self.cloud.points[kept], kept)
+        return replace(self, cloud=cloud, kept=self.kept[kept], owner=owner[self.owner])
 
     def normals(self, signs: Signs, outward: Floats) -> Floats:
         """Outward unit normals (N, 3) for all points given, from those of the cloud."""
@@ -194,7 +203,7 @@ def _wire_witness(
         found = consistent_signs(cloud.points, cloud.normals, areas, surface.spacing, settings.given)
         signs = found if found is not None and cloud.oriented else Signs("axes", None, None)
     spacing = surface.spacing * (len(cloud.points) / len(kept)) ** 0.5
-    areas, reaches = surface.areas(outward), (quality.near, quality.wide)
+    areas, reaches = surface.areas(outward), (quality.near, quality.feature)
     near, wide = (crowded_share(surface, outward, areas, kept, reach, settings) for reach in reaches)
     return Witness(
         euler=wire.euler,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -19,11 +19,13 @@ from topokit.core.local.chunks import in_chunks
 from topokit.core.local.curvature import at_neighbors, tangent_neighbors
 from topokit.core.local.frames import normals_from_neighbors
 from topokit.core.local.voronoi import CellVertices, cell_vertices, exact_cell_areas
+from topokit.core.neighbors import nearest_neighbors
 from topokit.core.precision import full_precision
+from topokit.core.separation import separate
 
 _GAP = 110.0  # degrees without a neighbor at a rim point; a straight boundary leaves 180
 _SUPPORT = 3  # neighbors that must have a gap too
-_LEAST_LOOP = 20  # points, and spacings of length, of the smallest boundary loop distinguishable from noise
+_LEAST_LOOP = 17  # points, and spacings of length, of the smallest boundary loop distinguishable from noise
 _CLOSING = 0.2  # largest distance between the ends of a closed path, as a share of its length
 _REACH = 6.0  # largest distance between successive points of a boundary curve, in spacings
 
@@ -74,8 +76,8 @@ class BoundaryEstimate:
 
     Attributes:
         curves: closed boundary curves, longest first.
-        rim_share: share of samples with neighbors on one side only.
-        spacing: typical distance between neighboring samples, in units of length.
+        rim_share: share of the separate samples with neighbors on one side only.
+        spacing: typical distance between separate samples, in units of length.
     """
 
     curves: tuple[BoundaryCurve, ...]
@@ -88,6 +90,11 @@ class BoundaryEstimate:
         return sum(curve.turning for curve in self.curves) / (2 * math.pi)
 
     @property
+    def narrowest(self) -> float:
+        """Width of the narrowest round hole whose rim can be told from noise, in units of length."""
+        return _LEAST_LOOP * self.spacing / math.pi
+
+    @property
     def length(self) -> float:
         """Total length of the curves, in units of length."""
         return sum(curve.length for curve in self.curves)
@@ -98,6 +105,9 @@ class BoundaryEstimate:
 def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     """Boundary curves of a sampled surface, from positions alone: input normals are misleading on thin parts.
 
+    Samples that are nearer to each other than half their spacing count as one: pairs leave gaps in directions, but not
+    in the surface.
+
     Args:
         points: (N, 3), any float dtype and device.
         neighbors: (N, k) indices, nearest first.
@@ -105,7 +115,9 @@ def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     Returns:
         `BoundaryEstimate`. Not differentiable.
     """
-    points = points.detach()
+    kept = separate(points.detach(), neighbors)
+    points = points.detach()[kept]
+    neighbors = nearest_neighbors(points, min(neighbors.shape[1], len(points) - 1))
 
     def local(rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         offsets = at_neighbors(points, neighbors, rows) - points[rows, None]
@@ -119,7 +131,9 @@ def estimate_boundary(points: Tensor, neighbors: Tensor) -> BoundaryEstimate:
     normals, gap, areas = in_chunks(local, len(points), points.device, neighbors.shape[1])
     rim = gap & (gap[neighbors].sum(-1) >= _SUPPORT)  # boundaries are curves: a rim point has rim points beside it
     spacing = float(areas.mean().sqrt())
-    return BoundaryEstimate(boundary_curves(points, normals, rim, spacing), float(rim.double().mean()), spacing)
+    curves = boundary_curves(points, normals, rim, spacing)
+    curves = tuple(replace(curve, index=kept.cpu()[curve.index]) for curve in curves)
+    return BoundaryEstimate(curves, float(rim.double().mean()), spacing)
 
 
 def boundary_curves(points: Tensor, normals: Tensor, is_rim: Tensor, spacing: float) -> tuple[BoundaryCurve, ...]:
@@ -182,12 +196,12 @@ def _longest_path(positions: NDArray[np.float64], reach: float) -> NDArray[np.in
 def _measure(
     path: NDArray[np.int64], positions: NDArray[np.float64], normals: NDArray[np.float64], spacing: float
 ) -> BoundaryCurve:
-    """Length and turning of the closed polygon through `path`, smoothed over about three spacings."""
+    """Length and turning of the closed polygon through `path`, smoothed over about two and a half spacings."""
     nearby = cKDTree(positions).query(positions[path], min(20, len(positions)))[1]
     up = normals[path]
     up = up * np.where((up * np.roll(up, 1, axis=0)).sum(1) < 0, -1.0, 1.0).cumprod()[:, None]
     steps = np.linalg.norm(np.roll(positions[path], -1, axis=0) - positions[path], axis=1)
-    width = max(2, round(3 * spacing / max(steps.mean(), 1e-300)))
+    width = max(2, round(2.5 * spacing / max(steps.mean(), 1e-300)))
     curve = _smoothed(positions[path], width)
     up = _smoothed(up, width)
     up = normalize(torch.from_numpy(up)).numpy()

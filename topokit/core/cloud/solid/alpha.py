@@ -25,6 +25,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Booleans = NDArray[np.bool_]
 
+_DISPLACEMENT = 1e-4  # in spacings; points of a lattice have no unique tetrahedra
+
 
 @dataclass(frozen=True, eq=False)
 class AlphaComplex:
@@ -54,6 +56,15 @@ class AlphaComplex:
         order = np.argsort(radii, kind="stable")
         return radii[order], self.n_points + signs[order].cumsum()
 
+    def euler_weights(self, smallest: float, largest: float) -> tuple[Floats, Integers, Floats]:
+        """Radii (M,) from the smallest to the largest, the Euler characteristic from each on, and how much that counts.
+
+        Radii from a to b weigh 1 / a − 1 / b: small ones count more.
+        """
+        radii, eulers = self.euler_curve()
+        start = np.clip(radii, smallest, largest)
+        return start, eulers, 1 / start - 1 / np.append(start[1:], largest)
+
     def parts(self, radius: float) -> tuple[Integers, int]:
         """The component (N,) of each point in the union of balls of one radius, and the number of its cavities."""
         joined = self.edges[self.edge_radii <= radius]
@@ -63,6 +74,11 @@ class AlphaComplex:
         passage = self.facet_sides[self.facet_radii > radius]
         region = connected_labels(count + 1, passage[:, 0], passage[:, 1])
         return component, count_distinct(region[free]) - 1
+
+
+def union_of_balls(points: Floats, spacing: float) -> AlphaComplex:
+    """The alpha complexes of points (N, 3) in any position: moved by a ten-thousandth of their spacing."""
+    return alpha_complex(points + _DISPLACEMENT * spacing * np.random.default_rng(0).normal(size=points.shape))
 
 
 def alpha_complex(points: Floats) -> AlphaComplex:

@@ -20,14 +20,13 @@ from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import unit
 from topokit.core.cloud.sampling.downsampling import downsample
 from topokit.core.cloud.settings import WireSettings
-from topokit.core.cloud.solid.alpha import AlphaComplex, alpha_complex
+from topokit.core.cloud.solid.alpha import AlphaComplex, union_of_balls
 from topokit.core.labels import connected_labels, count_distinct
 from topokit.core.neighbors import nearest_neighbors
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_DISPLACEMENT = 1e-4  # in spacings; points of a lattice have no unique tetrahedra
 _PROBES = 1000  # neighborhoods that are tested
 _FEW = 500  # points of which the tetrahedra are counted first
 _MOST_TETRAHEDRA = (
@@ -98,8 +97,7 @@ def _read(points: Floats, settings: WireSettings) -> WireReading | None:
     kept, spacing = _without_stray_points(points, settings)
     if len(kept) < FEWEST_POINTS:
         return None
-    displacement = np.random.default_rng(0).normal(size=(len(kept), 3))
-    balls = alpha_complex(points[kept] + _DISPLACEMENT * spacing * displacement)
+    balls = union_of_balls(points[kept], spacing)
     euler, share, contrast, (smallest, largest) = _lasting_euler(balls, spacing, settings)
     component, cavities = balls.parts(float(np.sqrt(smallest * largest)) * spacing)
     components = count_distinct(component)
@@ -151,7 +149,7 @@ def _without_stray_points(points: Floats, settings: WireSettings) -> tuple[Integ
     nearest = nearest_neighbors(torch.from_numpy(points), _STEPS).numpy()
     distance = np.linalg.norm(points[nearest] - points[:, None], axis=2)
     spacing = float(np.median(distance[:, -1]) * np.sqrt(np.pi / _STEPS))
-    point, rank = np.nonzero(distance < settings.gap * spacing)
+    point, rank = np.nonzero(distance < settings.largest * spacing)
     part = connected_labels(len(points), point, nearest[point, rank])
     return np.flatnonzero(np.bincount(part)[part] >= settings.smallest_part), spacing
 
@@ -160,15 +158,14 @@ def _lasting_euler(
     balls: AlphaComplex, spacing: float, settings: WireSettings
 ) -> tuple[int, float, float, tuple[float, float]]:
     """The Euler characteristic of greatest weight, its share, its contrast, and the radii between which it stands."""
-    radii, eulers = balls.euler_curve()
-    radii = radii / spacing
-    start = np.clip(radii, settings.smallest, settings.largest)
-    weight = 1 / start - 1 / np.append(start[1:], settings.largest)
+    radii, eulers, weight = balls.euler_weights(settings.smallest * spacing, settings.largest * spacing)
     values, index = np.unique(eulers, return_inverse=True)
     total = np.bincount(index, weight)
     best, second = np.argsort(-total)[:2] if len(total) > 1 else (0, 0)
     mine = np.where(eulers == values[best], weight, 0.0).cumsum() / total[best]
-    smallest, largest = (float(start[np.searchsorted(mine, level)]) for level in (settings.tail, 1 - settings.tail))
+    smallest, largest = (
+        float(radii[np.searchsorted(mine, level)]) / spacing for level in (settings.tail, 1 - settings.tail)
+    )
     share = total / total.sum()
     contrast = share[best] / max(share[second], np.finfo(float).tiny)
     return int(values[best]), float(share[best]), float(contrast), (smallest, largest)

@@ -1,0 +1,44 @@
+"""Clouds in which samples come in groups: several scans of one surface, or dense lines of one."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from topokit.core.cloud.guards import FEWEST_POINTS
+from topokit.core.cloud.normals.patches import Surface
+from topokit.core.cloud.settings import SamplingSettings
+from topokit.core.neighbors.kd_tree import nearest_in_tree
+from topokit.core.separation import close_pairs, separate
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def separate_samples(
+    surface: Surface, normals: Floats | None, settings: SamplingSettings
+) -> tuple[Integers, Integers] | None:
+    """Points at least half a spacing apart from each other; None if the points may be independent as they are.
+
+    Gaps between independent samples are small. Samples in groups leave gaps as large as if each group were one.
+
+    Args:
+        surface: neighborhoods of N points.
+        normals: (N, 3), outward, or None; the two sides of a thin wall have opposite ones.
+        settings: `crowd` and `probes`.
+
+    Returns:
+        The indices (M,) of the kept points, and for every point (N,) the position in them of the nearest one.
+    """
+    points, around = torch.from_numpy(surface.points), torch.from_numpy(surface.neighbors).long()
+    signed = None if normals is None else torch.from_numpy(normals)
+    rows = torch.arange(0, len(points), max(len(points) // settings.probes, 1))
+    if len(close_pairs(points, rows, around[rows], signed)[0]) <= settings.crowd * len(rows):
+        return None
+    kept = separate(points, around, signed).numpy()
+    if not FEWEST_POINTS <= len(kept) < len(points):
+        return None
+    tree = cKDTree(surface.points[kept])
+    return kept, nearest_in_tree(tree, surface.points, 1)

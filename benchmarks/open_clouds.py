@@ -7,6 +7,9 @@ it, with or without normals, and the part of these that is kept. A scan keeps wh
 direction. `--out` is continued if it exists. A hole is as wide as the largest ball in the mesh whose center lies on the
 missing cap. Those narrower than `report().resolution` are counted apart: an answer claims nothing about them. The
 controls are the same points before they are cut.
+
+A second table compares open answers with χ, the components and the rims of the mesh without the part that was cut off,
+however small these are. What a scan sees has no such truth.
 """
 
 from __future__ import annotations
@@ -27,6 +30,7 @@ from open3d.t.geometry import RaycastingScene
 from skimage.measure import marching_cubes
 
 import topokit as tk
+from topokit.core.labels import connected_labels
 
 Floats = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -35,6 +39,7 @@ SIZES, SIZE_SHARES = (5_000, 10_000, 30_000), (0.4, 0.4, 0.2)
 KINDS, KIND_SHARES = ("plane", "box", "sphere", "scan"), (0.4, 0.25, 0.2, 0.15)
 FEWEST = 400  # points that must be left
 STEPS = 128  # of the grid on which caps are looked for, along the longest side
+EDGES = 40  # along the longest side of a mesh whose vertices tell on which side of a cut its parts are, at least
 
 
 @dataclass(frozen=True)
@@ -44,18 +49,20 @@ class Cut:
     Attributes:
         kept: (N,) bool.
         width: of the widest hole, in units of length.
+        truth: χ, components and rims of what is left of the mesh, or None if that is not known.
     """
 
     kept: Booleans
     width: float
+    truth: tuple[int, int, int] | None
 
 
 def cut(kind: str, mesh: trimesh.Trimesh, points: Floats, normals: Floats, rng: np.random.Generator) -> Cut:
     """A random part of the points, and how wide the hole is that is left."""
     if kind == "scan":
-        return Cut(seen(mesh, points, normals, rng), float(np.ptp(points, axis=0).max()))
+        return Cut(seen(mesh, points, normals, rng), float(np.ptp(points, axis=0).max()), None)
     side = {"plane": half_space, "box": box, "sphere": ball}[kind](points, rng)
-    return Cut(side(points) > 0, hole_width(mesh, side))
+    return Cut(side(points) > 0, hole_width(mesh, side), what_is_left(mesh, side))
 
 
 def half_space(points: Floats, rng: np.random.Generator) -> Callable[[Floats], Floats]:
@@ -111,6 +118,27 @@ def hole_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float
     return 2 * max(float(depth.max()), 0.0)
 
 
+def what_is_left(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> tuple[int, int, int]:
+    """χ, components and rims of the part of a closed mesh on the positive side.
+
+    The part is homotopic to the vertices there with the edges and faces between them; a rim runs through the faces
+    with vertices on both sides.
+    """
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, mesh.faces, size / EDGES, max_iter=20)
+    merged = trimesh.Trimesh(vertices, faces, process=True)
+    is_left = side(np.asarray(merged.vertices)) > 0
+    edges = merged.edges_unique[is_left[merged.edges_unique].all(1)]
+    label = connected_labels(len(is_left), *edges.T)
+    n_faces = int(is_left[merged.faces].all(1).sum())
+    crossing = is_left[merged.faces].any(1) & ~is_left[merged.faces].all(1)
+    first, second = merged.face_adjacency.T
+    across = is_left[merged.face_adjacency_edges].any(1) & ~is_left[merged.face_adjacency_edges].all(1)
+    rim = connected_labels(len(merged.faces), first[across], second[across])
+    euler = int(is_left.sum()) - len(edges) + n_faces
+    return euler, len(np.unique(label[is_left])), len(np.unique(rim[crossing]))
+
+
 def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[str, Any]]) -> dict[str, Any] | None:
     """The reports of one cut cloud and of the same points before the cut; None if too few points are left."""
     rng = np.random.default_rng([27, number])
@@ -138,6 +166,8 @@ def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[s
         "points": size,
         "normals": with_normals,
         "width": part.width / found.resolution,
+        "truth": part.truth,
+        "answer": (found.euler, found.components, found.boundary_loops),
         "verdict": found.verdict,
         "closed": found.closed,
         "control": control.verdict,
@@ -165,6 +195,29 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         )
 
 
+def print_open_table(rows: list[dict[str, Any]]) -> None:
+    """How many open answers of cut clouds are right."""
+    print(
+        "\n| cut by | open | χ right | rims and components, too | likely | likely, χ wrong | rims or components wrong |"
+    )
+    print("|---" * 7 + "|")
+    for kind in (*KINDS[:3], None):
+        own = [row for row in rows if row["truth"] and not row["closed"] and kind in (None, row["kind"])]
+        likely = [row for row in own if row["verdict"] == "likely"]
+        n_right, n_known = sum(map(has_right_euler, own)), sum(map(is_right, own))
+        n_wrong = len(likely) - sum(map(has_right_euler, likely))
+        n_rims = len(likely) - sum(map(is_right, likely))
+        print(f"| {kind or 'all'} | {len(own)} | {n_right} | {n_known} | {len(likely)} | {n_wrong} | {n_rims} |")
+
+
+def has_right_euler(row: dict[str, Any]) -> bool:
+    return bool(row["answer"][0] == row["truth"][0])
+
+
+def is_right(row: dict[str, Any]) -> bool:
+    return list(row["answer"]) == list(row["truth"])
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
@@ -183,6 +236,7 @@ def main() -> None:
                 file.write(json.dumps(row) + "\n")
                 file.flush()
     print_table(rows)
+    print_open_table(rows)
 
 
 if __name__ == "__main__":

@@ -179,7 +179,7 @@ class Octree:
             yield Found(self._leaves(cells[undecided], level, gradient, is_graph), cells[:0], level)
             rest = undecided[~is_graph.numpy()]
             cells = cells[rest]
-            if not len(rest) or level == DEEPEST or depth == _LOOK:
+            if not len(rest) or level == DEEPEST or depth == _LOOK or time.monotonic() > self.deadline:
                 break
             networks, origin = restricted(networks, network[rest], found.state[rest]), origin[network[rest]]
         yield Found(_none(), cells, level)

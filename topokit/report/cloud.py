@@ -82,7 +82,12 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
-        reasons=(*deciding, *others, *confidence_sentences(witness), *preparation_sentences(witness)),
+        reasons=(
+            *deciding,
+            *others,
+            *confidence_sentences(witness, found.part.boundary.narrowest),
+            *preparation_sentences(witness),
+        ),
         n_deciding=len(deciding),
         components=components,
         n_components=n_surfaces,

@@ -133,21 +133,29 @@ def _sentences(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tupl
     return tuple(sentence for sentence in found if sentence)
 
 
-def confidence_sentences(witness: Witness) -> tuple[str, ...]:
-    """What the confidence counts beside the votes and the samples off the surface, and for which widths it holds."""
+def confidence_sentences(witness: Witness, hole: float) -> tuple[str, ...]:
+    """What the confidence counts beside the votes and the samples off the surface, and for which widths it holds.
+
+    Args:
+        witness: the evidence.
+        hole: width of the narrowest round hole in the surface that is told from a gap between samples.
+    """
     if witness.wire is not None:
         return ()
     quality, coarse = witness.quality, values_of(witness.votes, "coarse cut")
     return (
         f"{coarse.count(witness.euler)} of {len(coarse)} cuts of half as many samples give χ = {witness.euler}.",
         f"{quality.crowded_wide:.2%} of the points see an opposite sheet within 2.5 sample spacings.",
-        _resolution_sentence(witness),
+        _resolution_sentence(witness, hole),
     )
 
 
-def _resolution_sentence(witness: Witness) -> str:
+def _resolution_sentence(witness: Witness, hole: float) -> str:
     """Which features the samples show, and how many points would show narrower ones."""
-    seen = f"The samples show tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}"
+    seen = (
+        f"The samples show tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}, and holes in "
+        f"the surface wider than {max(hole, witness.resolution):.2g}"
+    )
     if witness.preparation == "averaged" or witness.quality.roughness > QualitySettings().clean:
         return f"{seen}; noise hides narrower ones."
     return f"{seen}; about {4 * witness.n_points} points would show those half as wide."

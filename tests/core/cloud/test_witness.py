@@ -84,7 +84,7 @@ def test_smooth_shapes_are_right_and_likely(make: type, euler: int, parts: tuple
 def test_reasons_are_sentences_with_numbers() -> None:
     found = global_witness(sphere(1500)[0])
     checked = check_sentences(cloud_checks(found, NO_BOUNDARY), found)
-    sentences = (*checked[0], *checked[1], *confidence_sentences(found), *preparation_sentences(found))
+    sentences = (*checked[0], *checked[1], *confidence_sentences(found, 0.0), *preparation_sentences(found))
     assert len(sentences) > 5
     for sentence in sentences:
         assert sentence[0].isupper() or sentence[0].isdigit()

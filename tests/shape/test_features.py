@@ -150,4 +150,7 @@ def test_features_of_a_scan_are_placed_as_its_file_says(tmp_path: Path) -> None:
     ring[6:10, 6:10] = 0
     nibabel.save(nibabel.Nifti1Image(ring, np.diag([-1.0, -1, 1, 1])), tmp_path / "ring.nii")
     text = tk.load(tmp_path / "ring.nii").report(features=True).text()
-    assert re.search(r"Tunnel: \S+ wide, its handle \S+ thick, at voxel \([78], [78], \d\), in mm RAS \(-[78]", text)
+    assert re.search(
+        r"Tunnel: \S+ wide, its handle \S+ thick, at \(-[78]\.\S+ \S+ \S+\) mm RAS, voxel index \([78], [78], \d\)",
+        text,
+    )

@@ -43,11 +43,15 @@ class Place:
             return None
         return cls(placement.voxel(point), placement.world(point), placement.unit, placement.space)
 
-    def __str__(self) -> str:
+    @property
+    def coordinates(self) -> str:
+        """World coordinates with unit and axes; the index of the voxel if the file has none."""
         if self.world is None:
             return f"voxel {self.voxel}"
-        frame = " ".join(filter(None, (self.unit, self.space)))
-        return f"voxel {self.voxel}, {f'in {frame}' if frame else 'world'} {position(self.world, 1.0)}"
+        return f"{position(self.world, 1.0)} {' '.join(filter(None, (self.unit, self.space))) or 'world'}"
+
+    def __str__(self) -> str:
+        return self.coordinates if self.world is None else f"{self.coordinates}, voxel index {self.voxel}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,7 @@ class LocatedRegion:
         bounds: lowest and highest corner of the box.
         component: index into the report's `per_component` of the surface around it.
         place: of its first voxel, which surely belongs to it.
+        middle: of `center`, which may lie outside it.
     """
 
     kind: Literal["piece", "cavity"]
@@ -69,6 +74,7 @@ class LocatedRegion:
     bounds: Box
     component: int
     place: Place
+    middle: Place
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +165,7 @@ class Location:
             regions = [one for one in self.regions if one.kind == kind]
             lines += [
                 f"{kind.capitalize()} at {one.place}: volume {one.volume:.4g}{_unit(one.place, '³')}, "
-                f"middle of its box {_at(one.center, one.bounds)}."
+                f"middle of its box {one.middle.coordinates}."
                 for one in regions[:_MOST_TOLD]
             ]
             lines += _more(len(regions), kind, many)
@@ -181,8 +187,7 @@ class Location:
 def _handle_line(one: LocatedHandle) -> str:
     unit = _unit(one.place)
     lengths = f"{one.handle_length:.4g}{unit} around the handle, {one.tunnel_length:.4g}{unit} around the tunnel."
-    where = _at(one.center, one.bounds)
-    return f"Tunnel at {where if one.place is None else f'{one.place}, middle of its loop {where}'}: {lengths}"
+    return f"Tunnel at {_at(one.center, one.bounds) if one.place is None else one.place}: {lengths}"
 
 
 def _unit(place: Place | None, power: str = "") -> str:

@@ -77,9 +77,12 @@ def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:
     for number, one in enumerate(report.per_component):
         is_cavity = (one.depth or 0) % 2 == 1
         place = None if one.voxel is None else Place.of(one.voxel, report.placement)
-        if place is not None and one.volume is not None and (is_cavity or report.pieces != 1):
-            kind: Literal["piece", "cavity"] = "cavity" if is_cavity else "piece"
-            yield LocatedRegion(kind, one.volume, middle(one.bounds), one.bounds, number, place)
+        center = middle(one.bounds)
+        in_file = Place.of(center, report.placement)
+        if place is None or in_file is None or one.volume is None or not (is_cavity or report.pieces != 1):
+            continue
+        kind: Literal["piece", "cavity"] = "cavity" if is_cavity else "piece"
+        yield LocatedRegion(kind, one.volume, center, one.bounds, number, place, in_file)
 
 
 def located_handles(handles: Sequence[Handle], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:

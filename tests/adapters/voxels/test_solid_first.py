@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,22 @@ def test_a_tunnel_is_found_at_its_axis_in_world_coordinates(tmp_path: Path) -> N
         assert ", ".join(map(str, place.voxel)) in page
         assert ", ".join(f"{x:.4g}" for x in place.world) in page
     assert "mm RAS" in str(report)
+
+
+def test_all_coordinates_of_a_line_are_those_of_the_file(tmp_path: Path) -> None:
+    report = tk.load(written(tmp_path)).report(locate=True)
+    lines = {line.split()[0]: line for line in report.location.lines()}
+    assert set(lines) == {"Piece", "Cavity", "Tunnel"}
+    for line in lines.values():
+        found = re.search(r" at \(([^)]*)\) mm RAS, voxel index \(([^)]*)\)", line)
+        world, index = (np.array(list(map(float, one.split(",")))) for one in found.groups())
+        np.testing.assert_allclose(world, (OBLIQUE @ (*index, 1))[:3], atol=np.linalg.norm(OBLIQUE[:3, :3]) / 2)
+    cavity = report.location.regions[1]
+    middle = re.search(r"middle of its box \(([^)]*)\) mm RAS\.$", lines["Cavity"])
+    index = (np.array(cavity.center) - report.placement.origin) / report.placement.spacing
+    expected = (OBLIQUE @ (*index, 1))[:3]
+    np.testing.assert_allclose(list(map(float, middle[1].split(","))), expected, atol=1e-3)
+    assert lines["Tunnel"].count("(") == lines["Piece"].count("(") - 1 == 2  # one place, with its index
 
 
 def test_a_label_has_places_in_the_whole_volume(tmp_path: Path) -> None:

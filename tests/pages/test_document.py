@@ -84,6 +84,17 @@ def test_only_the_viewer_may_run(fragment: Fragment, tmp_path: Path) -> None:
     assert base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() == allowed.group(1)
 
 
+def test_files_that_failed_come_first(fragment: Fragment, tmp_path: Path) -> None:
+    entries = [Entry("a", fragment), Entry("b", None, "b is empty"), Entry("c", fragment), Entry("d", None, "no d")]
+    write_html(iter(entries), tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    rows = re.findall(r'<tr id="row-(\d)".*?<a href="#shape-(\d)">(\w)</a>.*?class="reason">([^<]*)', page, re.DOTALL)
+    assert [row[:3] for row in rows] == [("2", "2", "b"), ("4", "4", "d"), ("1", "1", "a"), ("3", "3", "c")]
+    assert [row[3] for row in rows[:2]] == ["b is empty", "no d"]
+    scenes = dict(re.findall(r'id="scene-(\d)">([^<]+)', page))
+    assert scenes == dict.fromkeys("13", base64.b64encode(fragment.scene).decode())
+
+
 def test_entries_are_not_kept(fragment: Fragment, tmp_path: Path) -> None:
     alive: list[weakref.ref[Fragment]] = []
     most = 0

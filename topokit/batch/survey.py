@@ -39,9 +39,9 @@ class Survey:
     Iterating gives each row as soon as it is known; rows are kept, so nothing is examined twice. A row is a dictionary
     with the same keys for every file and plain values, None where something is unknown: `file`, `label`, `adapter`,
     `verdict`, `confidence`, `euler`, `genus`, `components`, `pieces`, `tunnels`, `cavities`, `solid_euler`,
-    `boundary_loops`, `closed`, `manifold`, `resolution`, `estimate`, `refined`, `reason`, `seconds`, `error`. So
-    `survey.to_pandas()` or `polars.DataFrame(survey.rows)` is a table. A file that could not be examined has
-    a row, too, with its `error`.
+    `boundary_loops`, `closed`, `manifold`, `flipped`, `inverted`, `self_intersections`, `resolution`, `estimate`,
+    `refined`, `reason`, `seconds`, `error`. So `survey.to_pandas()` or `polars.DataFrame(survey.rows)` is a table. A
+    file that could not be examined has a row, too, with its `error`.
 
     Attributes:
         files: names of the files and shapes, in order.

@@ -40,7 +40,10 @@ _WORDS: dict[str, Callable[[Row], bool]] = {
     "open": lambda row: row["closed"] is False,
     "non-manifold": lambda row: row["manifold"] is False,
 }
-_NUMBERS = ("euler", "genus", "components", "pieces", "tunnels", "cavities", "solid_euler", "boundary_loops")
+_NUMBERS = (
+    *("euler", "genus", "components", "pieces", "tunnels", "cavities", "solid_euler", "boundary_loops"),
+    *("flipped", "inverted", "self_intersections"),
+)
 _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     "==": operator.eq,
     "!=": operator.ne,
@@ -71,9 +74,14 @@ def _parse(text: str, numbers: Sequence[str]) -> Condition:
     if text in _WORDS and numbers is _NUMBERS:
         return Condition(text, _WORDS[text])
     comparison = rf"({'|'.join(numbers)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+)"
-    found = re.fullmatch(comparison, text.replace("-loops", "_loops").replace("solid-", "solid_"))
+    found = re.fullmatch(comparison, re.sub(r"(?<=[a-z])-(?=[a-z])", "_", text))
     if found is None:
         of_pairs = f"a comparison such as {numbers[0]}>0 of {', '.join(numbers)} by {' '.join(_COMPARISONS)}"
         raise ValueError(f"{text!r} is no condition; expected {EXPECTED if numbers is _NUMBERS else of_pairs}.")
     column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])
     return Condition(text, lambda row: row[column] is None or compare(row[column], number), column)
+
+
+def needs_places(conditions: Iterable[Condition]) -> bool:
+    """Whether a condition is about what is known only where places were looked for."""
+    return any(one.column == "self_intersections" for one in conditions)

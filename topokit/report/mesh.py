@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from topokit.core.mesh.topology import MeshTopology
 from topokit.report.report import CountedAnswer, Evidence
 from topokit.report.verdict import Verdict, mesh_verdict
-from topokit.report.wording import plural
+from topokit.report.wording import plural, position
 
 
 def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool = True) -> CountedAnswer:
@@ -27,6 +29,8 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
         reasons=(*deciding, *_further(topology)),
         manifold=topology.is_manifold,
         n_deciding=len(deciding),
+        flipped=topology.flipped_faces,
+        inverted=int(topology.inverted.sum()),
     )
 
 
@@ -65,8 +69,22 @@ def _further(topology: MeshTopology) -> tuple[str, ...]:
         lines.append(
             f"{plural(topology.flipped_faces, 'face')} turned against the others (flipped); V − E + F is unaffected."
         )
-    if topology.inward_components:
-        lines.append(f"{plural(topology.inward_components, 'closed component')} facing inward, turned for the normals.")
+    lines += _inside_out(topology)
     if not topology.is_orientable:
         lines.append("The surface is one-sided (not orientable), so it has no genus in the usual sense.")
     return tuple(lines)
+
+
+def _inside_out(topology: MeshTopology) -> list[str]:
+    """Which components point inward without bounding a cavity, and which bound one and point out of it."""
+    lines, (inverted,) = [], np.nonzero(topology.inverted)
+    if len(inverted):
+        low, high = topology.components.low[inverted[0]], topology.components.high[inverted[0]]
+        where = position(((low + high) / 2).tolist(), float((high - low).max()))
+        lines.append(
+            f"{plural(len(inverted), 'closed component')} facing inward without bounding a cavity (inverted), "
+            f"{'the largest ' if len(inverted) > 1 else ''}around {where}; turned for the normals."
+        )
+    if n_cavities := topology.inward_components - len(inverted):
+        lines.append(f"{plural(n_cavities, 'cavity', 'cavities')} facing into the solid, turned for the normals.")
+    return lines

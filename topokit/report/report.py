@@ -68,6 +68,7 @@ class CountedAnswer:
         cut_out_euler: as for `TopologyReport`.
         connectivity_density: likewise.
         torus: of a volume that is periodic, what its components do not tell.
+        flipped, inverted: as for `TopologyReport`.
     """
 
     evidence: Evidence
@@ -84,6 +85,8 @@ class CountedAnswer:
     cut_out_euler: float | None = None
     connectivity_density: float | None = None
     torus: PeriodicSolid | None = None
+    flipped: int | None = None
+    inverted: int | None = None
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,10 @@ class TopologyReport:
             if they were not looked for.
         rim_widths: of an open cloud, the longest side of the box of each rim, widest first. χ, components, boundary
             loops and genus are those of the surface that ends there; closing each rim by a disc keeps its genus.
+        flipped: faces of a mesh against the majority's orientation in their component, or None if it is no mesh.
+        inverted: closed components of a mesh that point inward without bounding a cavity, or None likewise.
+        self_intersections: places where a mesh crosses itself, or None if they were not looked for (`locate`), or
+            libigl is not installed.
     """
 
     name: str
@@ -159,6 +166,9 @@ class TopologyReport:
     features: SolidFeatures | None = None
     doubts: tuple[NarrowPlace, ...] | None = None
     rim_widths: tuple[float, ...] = ()
+    flipped: int | None = None
+    inverted: int | None = None
+    self_intersections: int | None = None
 
     @property
     def pieces(self) -> int | None:
@@ -300,6 +310,8 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         placement=counted.placement,
         cut_out_euler=counted.cut_out_euler,
         connectivity_density=counted.connectivity_density,
+        flipped=counted.flipped,
+        inverted=counted.inverted,
     )
 
 

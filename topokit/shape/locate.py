@@ -40,6 +40,7 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
     without libigl.
     """
     notes: list[str] = []
+    crossings: int | None = None
 
     def located(what: str, question: Callable[[], Sequence[Found]]) -> Sequence[Found]:
         try:
@@ -49,11 +50,14 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
             return ()
 
     def defects() -> Sequence[Defect]:
+        nonlocal crossings
         try:
-            return shape.defects()
+            found = shape.defects()
         except MissingDependencyError as error:
             notes.append(f"Self-intersections were not located: {error}")
             return shape.defects(self_intersections=False)
+        crossings = sum(one.kind == "self-intersection" for one in found)
+        return found
 
     has_handles, has_mesh = report.closed and report.genus != 0, shape.mesh is not None
     location = Location(
@@ -69,7 +73,7 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
         notes=tuple(notes),
         regions=tuple(islice(_regions(report), _MOST_REGIONS)),
     )
-    return replace(report, location=location)
+    return replace(report, location=location, self_intersections=crossings)
 
 
 def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:

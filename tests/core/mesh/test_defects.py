@@ -89,6 +89,18 @@ def test_tiny_components_and_cavities() -> None:
     assert sorted(kinds["cavity"][0].faces) == list(range(n_shell // 2, n_shell))
 
 
+def test_a_component_inside_out_is_one_unless_it_bounds_a_cavity() -> None:
+    vertices, faces = icosphere(1)
+    shell, outside = shell_mesh(2), (0.5 * vertices + np.array([3.0, 0, 0]), faces[:, ::-1])
+    kinds = found(*joined(shell, outside))
+    assert sorted(kinds) == ["cavity", "inverted component"]
+    (inverted,) = kinds["inverted component"]
+    np.testing.assert_array_equal(inverted.faces, len(shell[1]) + np.arange(len(faces)))
+    np.testing.assert_allclose(np.mean(inverted.bounds, axis=0), (3, 0, 0), atol=0.01)
+    assert "cavity" in (turned := found(shell[0], shell[1][:, ::-1]))
+    assert turned["inverted component"][0].faces.max() < len(shell[1]) / 2  # the outer half
+
+
 def test_a_shape_tells_its_defects_as_the_mesh_was_given() -> None:
     vertices, faces = icosphere(2)
     faces = faces.copy()

@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
-from topokit.core.components import Corner, CountedComponents
+from topokit.core.components import Corner
 from topokit.core.labels import connected_labels
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
-from topokit.core.mesh.topology import mesh_topology
+from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.errors import MissingDependencyError
 
 DefectKind = Literal[
@@ -23,6 +23,7 @@ DefectKind = Literal[
     "flipped faces",
     "duplicate faces",
     "degenerate faces",
+    "inverted component",
     "tiny component",
     "cavity",
 ]
@@ -69,14 +70,16 @@ def mesh_defects(vertices: Floats, faces: Integers, self_intersections: bool = T
     found += _patches("flipped faces", vertices, faces, np.flatnonzero(topology.flipped), no_pairs)
     found += _patches("duplicate faces", vertices, faces, np.flatnonzero(_duplicates(faces)), no_pairs)
     found += _patches("degenerate faces", vertices, faces, np.flatnonzero(_degenerate(vertices, faces)), no_pairs)
-    for kind, chosen in _odd_components(topology.components):
+    for kind, chosen in _odd_components(topology):
         rows = np.flatnonzero(chosen[topology.face_labels])
         found += _by_label(kind, vertices, faces, rows, topology.face_labels[rows])
     return tuple(found)
 
 
-def _odd_components(components: CountedComponents) -> Iterator[tuple[DefectKind, Booleans]]:
-    """Which components are tiny, and which bound a cavity."""
+def _odd_components(topology: MeshTopology) -> Iterator[tuple[DefectKind, Booleans]]:
+    """Which components are inside out, which are tiny, and which bound a cavity."""
+    yield "inverted component", topology.inverted
+    components = topology.components
     sizes = np.linalg.norm(components.high - components.low, axis=1)
     whole = np.linalg.norm(components.high.max(axis=0) - components.low.min(axis=0))
     yield "tiny component", sizes <= _TINY * whole

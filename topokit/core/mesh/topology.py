@@ -25,6 +25,7 @@ class MeshTopology:
         pinched_vertices: vertices whose faces form more than one fan.
         flipped: (F,) faces against the majority's orientation in their component, as given.
         inward_components: closed components whose faces point into the solid as given.
+        inverted: (C,) which of these bound no cavity, so that the component is turned inside out.
         is_orientable: whether one consistent orientation exists.
         faces: (F, 3) the faces used, oriented consistently and outward (out of the solid) where that is possible.
         face_labels: (F,) index into `components`.
@@ -38,6 +39,7 @@ class MeshTopology:
     pinched_vertices: int
     flipped: Booleans
     inward_components: int
+    inverted: Booleans
     is_orientable: bool
     faces: Integers
     face_labels: Integers
@@ -103,6 +105,7 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
         pinched_vertices=len(mesh.pinched),
         flipped=flip,
         inward_components=int(inward.sum()),
+        inverted=inward & (depths % 2 == 0),
         is_orientable=bool(orientable.all()),
         faces=_turned(oriented, inward[labels]),
         face_labels=labels,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from topokit.batch.sources import Source
+from topokit.batch.widths import width_values
 from topokit.errors import InputError, TopokitError
 from topokit.plugins.foreign_code import foreign_code
 from topokit.plugins.registry import adapter_for, in_reach, load, load_labels
@@ -96,7 +97,7 @@ class Answer:
     """What was found out about one shape.
 
     Attributes:
-        row: the values of `COLUMNS`; None where they are unknown.
+        row: the values of `COLUMNS`, and of `width_columns` if widths were asked for; None where they are unknown.
         report: the report, if it was asked for and there is one.
         fragment: its part of an HTML page, likewise.
     """
@@ -145,7 +146,8 @@ def _answer(shape: Shape, questions: Questions) -> Answer:
         from topokit.pages import page_of
 
         fragment = page_of(shape, report, light=questions.page == "light")
-    return Answer(report_row(report, shape), report if questions.with_report else None, fragment)
+    row = report_row(report, shape) | width_values(report, questions.asked.get("features", False))
+    return Answer(row, report if questions.with_report else None, fragment)
 
 
 def failure(source: Source, problem: str, seconds: float | None) -> Answer:

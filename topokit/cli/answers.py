@@ -18,7 +18,7 @@ from topokit.batch.names import names_in_common_folder
 from topokit.batch.sources import Source, Sources
 from topokit.batch.survey import entry
 from topokit.batch.workers import examine_each, in_order
-from topokit.cli.conditions import Condition, needs_places
+from topokit.cli.conditions import Condition, needs_places, require_known
 from topokit.cli.options import Opener
 from topokit.cli.request import Request, Work, is_same, sources_of
 from topokit.cli.writers import Writer
@@ -63,6 +63,10 @@ def answer_files(
         check: may turn an answer into a failure.
     """
     page: Literal["full", "light"] | None = None if html is None else "light" if light else "full"
+    try:
+        require_known(request.conditions, (asked or {}).get("features", False))
+    except ValueError as error:
+        raise typer.BadParameter(f"--fail-on: {error}") from error
     asked = (asked or {}) | ({"locate": True} if needs_places(request.conditions) else {})
     questions = Questions(opener, request.chosen_labels, asked, with_report, page)
     with sources_of(files, request.format, opener.adapter) as found, _cluster(request) as client:

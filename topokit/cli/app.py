@@ -19,6 +19,7 @@ from topokit.batch.examine import COLUMNS, Answer, called
 from topokit.batch.journal import Journal, plain_options, stamps_of
 from topokit.batch.names import distinguishing_names, name_as_data
 from topokit.batch.sources import Sources
+from topokit.batch.widths import width_columns
 from topokit.cli.answers import answer_files, say
 from topokit.cli.bundle import takes_bundles
 from topokit.cli.comparing import compare
@@ -141,9 +142,14 @@ def report(
         raise typer.BadParameter("--light goes with --html.")
     options = plain_options(opener.adapter, opener.given, labels=labels, **asked)
     lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
+    widths = width_columns(asked["features"])
 
     def record(answer: Answer) -> dict[str, Any]:
-        return _named(answer) | (answer.report.to_dict() if answer.report else {"error": answer.error})
+        from topokit.report.report import plain
+
+        if answer.report is None:
+            return _named(answer) | {"error": answer.error}
+        return _named(answer) | answer.report.to_dict() | {name: plain(answer.row[name]) for name in widths}
 
     def writer(stream: TextIO, found: Sources) -> Writer:
         several = len(found.sources) > 1 or labels is not None
@@ -154,9 +160,9 @@ def report(
             stamps = {} if output is None else stamps_of(found.sources)
             return JsonLinesWriter(stream, lambda it: lines.record(record(it), stamps.get(it.row["file"])))
         if chosen == "csv":
-            return CsvWriter(stream)
+            return CsvWriter(stream, (*COLUMNS, *widths))
         if chosen == "table":
-            return TableWriter(stream, [f"{source.name}{_longest_label(labels)}" for source in found.sources])
+            return TableWriter(stream, [f"{source.name}{_longest_label(labels)}" for source in found.sources], widths)
         names = distinguishing_names(found.sources)
         full = request.verbose or details
 

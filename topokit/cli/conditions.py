@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from topokit.batch.examine import Row
+from topokit.batch.examine import COLUMNS, Row
+from topokit.batch.widths import COUNTS, NARROWEST, width_columns
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,8 @@ class Condition:
         if self.column is None:
             return self.text
         value = row[self.column]
-        return f"{self.text} ({'unknown' if value is None else value})"
+        shown = f"{value:.4g}" if isinstance(value, float) else value
+        return f"{self.text} ({'unknown' if value is None else shown})"
 
 
 _WORDS: dict[str, Callable[[Row], bool]] = {
@@ -42,7 +44,7 @@ _WORDS: dict[str, Callable[[Row], bool]] = {
 }
 _NUMBERS = (
     *("euler", "genus", "components", "pieces", "tunnels", "cavities", "solid_euler", "boundary_loops"),
-    *("flipped", "inverted", "self_intersections"),
+    *("flipped", "inverted", "self_intersections", *COUNTS, *NARROWEST),
 )
 _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     "==": operator.eq,
@@ -73,15 +75,32 @@ def parse_conditions(texts: Iterable[str], numbers: Sequence[str] = _NUMBERS) ->
 def _parse(text: str, numbers: Sequence[str]) -> Condition:
     if text in _WORDS and numbers is _NUMBERS:
         return Condition(text, _WORDS[text])
-    comparison = rf"({'|'.join(numbers)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+)"
+    comparison = rf"({'|'.join(numbers)})\s*({'|'.join(_COMPARISONS)})\s*([-+]?\d+(?:\.\d+)?)"
     found = re.fullmatch(comparison, re.sub(r"(?<=[a-z])-(?=[a-z])", "_", text))
-    if found is None:
+    if found is None or ("." in found[3] and found[1] not in NARROWEST):
         of_pairs = f"a comparison such as {numbers[0]}>0 of {', '.join(numbers)} by {' '.join(_COMPARISONS)}"
         raise ValueError(f"{text!r} is no condition; expected {EXPECTED if numbers is _NUMBERS else of_pairs}.")
-    column, compare, number = found[1], _COMPARISONS[found[2]], int(found[3])
+    column, compare, number = found[1], _COMPARISONS[found[2]], float(found[3])
     return Condition(text, lambda row: row[column] is None or compare(row[column], number), column)
 
 
 def needs_places(conditions: Iterable[Condition]) -> bool:
     """Whether a condition is about what is known only where places were looked for."""
     return any(one.column == "self_intersections" for one in conditions)
+
+
+def require_known(conditions: Iterable[Condition], features: bool | float) -> None:
+    """Refuse conditions about widths that are not measured.
+
+    Args:
+        conditions: of a command about shapes.
+        features: as for `Shape.report`.
+
+    Raises:
+        ValueError: if there is one; the message says which option it needs.
+    """
+    known = (*COLUMNS, *width_columns(features))
+    for one in conditions:
+        if one.column is not None and one.column not in known:
+            needed = "report --above WIDTH" if one.column in COUNTS else "report --features or --above WIDTH"
+            raise ValueError(f"{one.text} is about widths, which only topokit {needed} measures.")

@@ -41,15 +41,15 @@ _GAP = "  "
 class Table:
     """Writes rows to a stream."""
 
-    def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
-        """Args: where to write, and the names in the first column, which make its width."""
+    def __init__(self, stream: TextIO, names: Sequence[str], further: Sequence[str] = ()) -> None:
+        """Args: where to write, the names in the first column, which make its width, and columns of widths."""
         from rich.cells import cell_len
         from rich.console import Console
 
         self._console: Console = Console(file=stream, highlight=False)
         longest = max(map(cell_len, ("file", *map(printable, names))))
         room = self._console.width if self._console.is_terminal else sys.maxsize
-        self._columns = _fitting(room - min(longest, _NARROWEST))
+        self._columns = _fitting(_columns(further), room - min(longest, _NARROWEST))
         self._name_width = min(longest, room - _width(self._columns))
         self._has_title = False
 
@@ -77,10 +77,16 @@ class Table:
         self._console.print(line, soft_wrap=True)
 
 
-def _fitting(room: int) -> tuple[_Column, ...]:
+def _columns(further: Sequence[str]) -> tuple[_Column, ...]:
+    """Those of every table, with further ones behind the verdict, χ and genus."""
+    added = (_Column(name, name.replace("_", " "), len(name)) for name in further)
+    return (*_COLUMNS[:3], *added, *_COLUMNS[3:])
+
+
+def _fitting(columns: Sequence[_Column], room: int) -> Sequence[_Column]:
     """As many of the first columns as fit, but at least the verdict."""
-    fitting = [n for n in range(1, len(_COLUMNS) + 1) if _width(_COLUMNS[:n]) <= room]
-    return _COLUMNS[: max(fitting, default=1)]
+    fitting = [n for n in range(1, len(columns) + 1) if _width(columns[:n]) <= room]
+    return columns[: max(fitting, default=1)]
 
 
 def _width(columns: Sequence[_Column]) -> int:
@@ -88,13 +94,15 @@ def _width(columns: Sequence[_Column]) -> int:
 
 
 def _cell(row: Row, column: _Column) -> str:
-    value: Any = row[column.name]
+    value: Any = row.get(column.name)  # a file that failed has no widths
     if column.name == "verdict":
         return value or "failed"
     if column.name == "seconds":
         return "" if value is None else f"{value:.2f}"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
     return ("" if row["error"] else "?") if value is None else str(value)
 
 

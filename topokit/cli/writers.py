@@ -56,10 +56,10 @@ class TextWriter(Writer):
 class TableWriter(Writer):
     """Aligned rows."""
 
-    def __init__(self, stream: TextIO, names: Sequence[str]) -> None:
+    def __init__(self, stream: TextIO, names: Sequence[str], further: Sequence[str] = ()) -> None:
         from topokit.cli.table import Table
 
-        self._table = Table(stream, names)
+        self._table = Table(stream, names, further)
 
     def write(self, answer: Answer) -> None:
         """See `Writer`."""

@@ -30,12 +30,9 @@ def main() -> None:
     )
     clouds = [tk.from_points(torus_samples(n).points) for n in (100, 400, 4_000)]
     draw("concept-scale", [(f"{one.samples.n_points} points: {answer(one)}", one) for one in clouds])
-    points = torus_samples(6_000).points
-    shapes = tk.from_mesh(torus_mesh()), tk.from_points(points), tk.from_points(points[points[:, 0] < 0.5])
-    draw(
-        "concept-verdict",
-        [(f"{kind}: {answer(one)}", one) for kind, one in zip(("mesh", "points", "cut"), shapes, strict=True)],
-    )
+    shapes = [tk.from_mesh(torus_mesh()), *(tk.from_points(torus_samples(n).points) for n in (6_000, 200))]
+    kinds = ("mesh", "6000 points", "200 points")
+    draw("concept-verdict", [(f"{kind}: {answer(one)}", one) for kind, one in zip(kinds, shapes, strict=True)])
 
 
 def answer(shape: tk.Shape) -> str:

@@ -178,7 +178,9 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
             "features are small."
         )
     elif n_used < n_points:
-        sentences.append(f"{plural(n_points - n_used, 'point')} that coincide with others were left out.")
+        sentences.append(
+            f"{plural(n_points - n_used, 'point')} that coincide with others, or nearly do, were left out."
+        )
     if witness.is_widened:
         sentences.append(
             "Some walls or gaps are thinner than the samples resolve: they were shifted along their normals before the "

@@ -32,12 +32,13 @@ def separate_samples(
     Returns:
         The indices (M,) of the kept points, and for every point (N,) the position in them of the nearest one.
     """
-    points, around = torch.from_numpy(surface.points), torch.from_numpy(surface.neighbors).long()
-    signed = None if normals is None else torch.from_numpy(normals)
-    rows = torch.arange(0, len(points), max(len(points) // settings.probes, 1))
-    if len(close_pairs(points, rows, around[rows], signed)[0]) <= settings.crowd * len(rows):
+    points, signed = torch.from_numpy(surface.points), None if normals is None else torch.from_numpy(normals)
+    step = max(len(points) // settings.probes, 1)
+    rows = torch.arange(0, len(points), step)
+    around = torch.from_numpy(surface.neighbors[::step]).long()
+    if len(close_pairs(points, rows, around, signed)[0]) <= settings.crowd * len(rows):
         return None
-    kept = separate(points, around, signed).numpy()
+    kept = separate(points, torch.from_numpy(surface.neighbors).long(), signed).numpy()
     if not FEWEST_POINTS <= len(kept) < len(points):
         return None
     tree = cKDTree(surface.points[kept])

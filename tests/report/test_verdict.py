@@ -142,7 +142,7 @@ OPEN_RULES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 
 
 def a_sheet(**changed: Any) -> SheetReading:
-    return SheetReading(**({"shares": {1: 1.0}, "components": 2, "closed": 1, "n_samples": 100} | changed))
+    return SheetReading(**({"shares": {1: 1.0}, "components": 2, "closed": 1} | changed))
 
 
 @pytest.mark.parametrize("name", OPEN_RULES)

@@ -25,7 +25,7 @@ from topokit.cli.bundle import takes_bundles
 from topokit.cli.comparing import compare
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.options import Given, Opener, described_options
-from topokit.cli.request import Request
+from topokit.cli.request import Output, Request, Resume
 from topokit.cli.single import clean, curvature, curve, handles, mend, picture, show_tolerances
 from topokit.cli.writers import (
     CsvWriter,
@@ -106,13 +106,8 @@ def report(
         float | None,
         typer.Option(metavar="WIDTH", min=1e-300, help="The same for those at least so wide, in units of the file."),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
-    ] = None,
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Go on with the file of -o, written with --jsonl by a run that was stopped."),
-    ] = False,
+    output: Output = None,
+    resume: Resume = False,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="With --resume: examine those files again that failed.")
     ] = False,

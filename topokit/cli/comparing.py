@@ -18,7 +18,7 @@ from topokit.batch.workers import ask_each
 from topokit.cli.answers import Coming, answer_sources, names_on_terminal
 from topokit.cli.bundle import takes_bundles
 from topokit.cli.conditions import Condition, parse_conditions
-from topokit.cli.request import Work
+from topokit.cli.request import Output, Resume, Work
 from topokit.cli.writers import CsvWriter, Form, JsonForms, JsonLinesWriter, JsonWriter, TextWriter, Writer
 from topokit.errors import InputError, Option, TopokitError
 from topokit.pairs.files import (
@@ -68,13 +68,8 @@ def compare(
     ] = "invariant",
     tolerance: Annotated[float | None, typer.Option(help="Distance of surfaces that counts as none.")] = None,
     resolution: Annotated[int, typer.Option(min=2, help="All but volumes: cells of the common grid.")] = 128,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")
-    ] = None,
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Go on with the file of -o, written with --jsonl by a run that was stopped."),
-    ] = False,
+    output: Output = None,
+    resume: Resume = False,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="With --resume: compare those pairs again that failed.")
     ] = False,

@@ -29,6 +29,10 @@ _FAIL_ON = f"Exit with 1 if a shape is {EXPECTED}. May be repeated."
 Format = Annotated[
     str | None, typer.Option("--format", metavar="SUFFIX", help="Format of standard input (FILE is -), such as stl.")
 ]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write instead of standard output.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on with the file of -o, written with --jsonl by a run that was stopped.")
+]
 Limit = float | None
 
 

@@ -104,7 +104,8 @@ def _open_report(found: Examination) -> TopologyReport:
     χ, components, rims and genus are those of one surface: with a disc in every rim it has the same genus. Where the
     union of balls has another χ for nearly all radii, that is taken, unless no such surface has these rims.
     """
-    sheet, trials = found.sheet, _open_surfaces(found)
+    parts = _cloud_components(found)
+    sheet, trials = found.sheet, _open_surfaces(found, len(parts))
     checked = [open_checks(one.euler, one.components, len(one.widths), sheet, found.witness) for one in trials]
     best = next((number for number, checks in enumerate(checked) if cloud_verdict(checks) == "likely"), 0)
     known, checks = trials[best], checked[best]
@@ -120,7 +121,7 @@ def _open_report(found: Examination) -> TopologyReport:
         verdict=cloud_verdict(checks),
         reasons=(*where, *deciding, *others, *_refusal(found)),
         n_deciding=len(deciding) + len(where),
-        components=_cloud_components(found),
+        components=parts,
         n_components=components,
         genus=fitting_genus(euler, rims, components) if rims else None,
         boundary_loops=rims or None,  # rims that cannot be traced cannot be counted
@@ -146,17 +147,17 @@ class _OpenSurface:
     of_sheet: bool
 
 
-def _open_surfaces(found: Examination) -> list[_OpenSurface]:
+def _open_surfaces(found: Examination, n_parts: int) -> list[_OpenSurface]:
     """What the surface can be: a solid with holes, whose rims are those of its lids, and a sheet with traced rims.
 
-    χ of the solid is that of the votes, less one for every lid; that of the sheet is near the estimate. The solid comes
-    first if most of its surface was seen.
+    χ of the solid is that of the votes, less one for every lid; that of the sheet, whose parts are those of
+    the cloud, is near the estimate. The solid comes first if most of its surface was seen.
     """
     witness, curves = found.witness, found.part.boundary.curves
     covers, trials = lids(witness), []
     if curves or witness is None:
         widths = [_width(found.part, curve.index.numpy()) for curve in curves]
-        trials.append(_open_surface(len(_cloud_components(found)), len(curves), found.part.estimate, widths, True))
+        trials.append(_open_surface(n_parts, len(curves), found.part.estimate, widths, True))
     if witness is not None and (covers or not curves):
         is_solid = is_mostly_seen(witness)
         widths = [_width(found, cover.samples) for cover in covers] if is_solid else []

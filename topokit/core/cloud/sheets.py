@@ -32,13 +32,11 @@ class SheetReading:
             the largest share on.
         components: connected parts, at a middle radius.
         closed: cavities there: parts that enclose space.
-        n_samples: of how many samples.
     """
 
     shares: Mapping[int, float]
     components: int
     closed: int
-    n_samples: int
 
 
 @torch.no_grad()
@@ -64,4 +62,4 @@ def read_sheet(points: Tensor, neighbors: Tensor, settings: WireSettings) -> She
     share = np.bincount(index, weights) / weights.sum()
     shares = {int(values[rank]): float(share[rank]) for rank in np.argsort(-share, kind="stable")}
     component, closed = balls.parts(float(np.sqrt(smallest * largest)))
-    return SheetReading(shares, count_distinct(component), closed, len(samples))
+    return SheetReading(shares, count_distinct(component), closed)

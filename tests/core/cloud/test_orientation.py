@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,11 +82,11 @@ def test_candidates_without_hope_are_not_corrected() -> None:
     seen = look(points, BY_FIELDS)
     found, complex_, own = seen.found, seen.cloud.complex_, BY_FIELDS.orientation
     assert found is not None
-    best = found.corrected(complex_, None, own)
+    best = found.corrected(complex_, None, BY_FIELDS)
     assert ((best.normals * normals).sum(1) > 0).all()
     assert best.cut.coverage >= found.coverage
     costs = [trial.cost(own.coverage_power) for trial in found.trials]
-    only = found.corrected(complex_, None, OrientationSettings(hopeless=1.0))
+    only = found.corrected(complex_, None, replace(BY_FIELDS, orientation=OrientationSettings(hopeless=1.0)))
     assert only.cost() >= best.cost()
     assert len(costs) > 1
 

@@ -207,8 +207,8 @@ def test_signs_of_empty_spheres_that_would_change_the_integer_refuse_them(monkey
     points, normals = torus(5_000)
     given, found = look(points, normals), look(points)
 
-    def reversed_poles(complex_, outward, cut, rounds):  # type: ignore[no-untyped-def]
-        return -outward, cut_complex(complex_, -outward)
+    def reversed_poles(complex_, outward, cut, weights, rounds):  # type: ignore[no-untyped-def]
+        return -outward, cut_complex(complex_, -outward, weights)
 
     monkeypatch.setattr(retries, "normals_by_poles", reversed_poles)
     assert retries._with_more_samples(found, FEW) is None

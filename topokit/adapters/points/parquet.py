@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from topokit.adapters.points.stored import Block, Cloud, Floats, StoredCloud
+from topokit.adapters.points.stored import Block, Cloud, StoredCloud
+from topokit.core.arrays import Floats
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.reading import reading, require_expansion
 

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats
 from topokit.errors import InputError, ReadError
 from topokit.inputs.reading import reading
 
-Floats = NDArray[np.float64]
 Cloud = tuple[Floats, Floats | None]
 Block = tuple[int, int]
 

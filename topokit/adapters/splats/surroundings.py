@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.core.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
     from topokit.adapters.splats.gaussians import GaussianSplats
 
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 _DRAWS = 200  # discs whose planes are tried
 _TRIES = 8  # planes that are looked at more closely

@@ -13,9 +13,9 @@ from functools import partial
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.settings import FieldSettings
 from topokit.core.grid.euler import surface_euler
@@ -23,8 +23,6 @@ from topokit.core.grid.grid import Grid, make_grid
 from topokit.core.grid.winding_field import winding_field
 from topokit.core.labels import compact_labels, connected_labels
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Task = Callable[[], list[tuple[int, int]]]
 
 MOST_PARTS = 256

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from topokit.core.arrays import Floats
 from topokit.core.cloud.given import Signs
 from topokit.core.cloud.solid.surface import CutSurface
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import SampleQuality, Vote
 
-Floats = NDArray[np.float64]
 Preparation = Literal["whole", "sampled", "averaged", "wire"]
 
 
@@ -24,7 +21,7 @@ class Witness:
 
     Attributes:
         euler: Euler characteristic of the surface.
-        agreement: share of the weight of all votes that stands behind the heaviest integer.
+        agreement: share of the deciding votes for that integer.
         votes: Euler characteristic per setting.
         quality: how well the samples support the answer.
         signs: where the outward directions came from.

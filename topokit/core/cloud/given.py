@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats
 from topokit.core.cloud.normals.dipoles import border_mean
 from topokit.core.cloud.orientation import Orientation, Trial
 from topokit.core.cloud.settings import CloudSettings, GivenSettings
@@ -16,7 +15,6 @@ from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, cut_complex
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
 
-Floats = NDArray[np.float64]
 SignSource = Literal["given", "reversed", "contradictory", "axes", "none"]
 
 
@@ -84,7 +82,9 @@ def compared_signs(normals: Floats, found: Orientation, complex_: DelaunayComple
     if 1 - own.consistent < agreement < own.consistent:
         volume = (complex_.spacing**2 * (normals * complex_.points).sum(1)).sum()
         sign = 1.0 if volume > 0 else -1.0
-        kept, other = (Trial(one, cut_complex(complex_, one)) for one in (sign * normals, found.normals))
+        kept, other = (
+            Trial(one, cut_complex(complex_, one, settings.cuts.first)) for one in (sign * normals, found.normals)
+        )
         if other.cut.coverage > settings.orientation.hidden and other.cost() < own.cheaper * kept.cost():
             return Signs("contradictory", max(agreement, 1 - agreement), found.coverage)
     else:

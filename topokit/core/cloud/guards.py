@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.arrays import Floats
 from topokit.core.cloud.settings import GuardSettings
 from topokit.errors import InputError
-
-Floats = NDArray[np.float64]
 
 _FLAT = 1e-6  # thickness of a cloud over its length up to which rounding alone may lift it off a plane
 

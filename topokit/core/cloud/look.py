@@ -6,9 +6,7 @@ import time
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.given import Signs, compared_signs, consistent_signs
 from topokit.core.cloud.normals.creases import find_faces
 from topokit.core.cloud.normals.patches import Surface, turned_towards
@@ -20,9 +18,6 @@ from topokit.core.cloud.solid.tetrahedra import Cut
 from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches
 from topokit.core.cloud.votes import OrientedCloud, SampleQuality, Vote, complex_of, gather_votes, sample_quality
 from topokit.core.progress import begin
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

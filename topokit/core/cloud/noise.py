@@ -7,16 +7,13 @@ they are wide, larger ones bend. Samples nearer to each other than the noise onl
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import Surface, in_blocks, plane_axes
 from topokit.core.cloud.sampling.downsampling import downsample
 from topokit.core.cloud.settings import CloudSettings
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def averaged(surface: Surface, settings: CloudSettings) -> tuple[Floats, Integers, Integers] | None:

@@ -14,18 +14,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Booleans, Floats
 from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.cloud.normals.patches import Neighborhoods, turned_towards, unit
 from topokit.core.cloud.samples import Samples
 from topokit.core.cloud.settings import CloudSettings, OrientationSettings
 from topokit.core.cloud.solid.poles import normals_by_poles
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, surface_normals
-
-Floats = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +51,7 @@ class Orientation:
     coverage: float
     trials: tuple[Trial, ...]
 
-    def corrected(self, complex_: DelaunayComplex, axes: Floats | None, settings: OrientationSettings) -> Trial:
+    def corrected(self, complex_: DelaunayComplex, axes: Floats | None, settings: CloudSettings) -> Trial:
         """The candidate that implies the cheapest solid once the poles have corrected its signs.
 
         Args:
@@ -62,10 +59,11 @@ class Orientation:
             axes: (M, 3), unit normals of arbitrary sign, where known.
             settings: candidates of a cost beyond a limit are not corrected.
         """
-        power = settings.coverage_power
-        limit = settings.hopeless * min(trial.cost(power) for trial in self.trials)
+        own = settings.orientation
+        power = own.coverage_power
+        limit = own.hopeless * min(trial.cost(power) for trial in self.trials)
         found = [
-            Trial(*normals_by_poles(complex_, trial.normals, trial.cut, rounds=2, axes=axes))
+            Trial(*normals_by_poles(complex_, trial.normals, trial.cut, settings.cuts.first, rounds=2, axes=axes))
             for trial in self.trials
             if trial.cost(power) <= limit
         ]
@@ -85,7 +83,7 @@ def orient_samples(
     """
     own, trials = settings.orientation, []
     if samples.signed is not None:
-        carried = _trial(complex_, samples.refined(samples.signed, local, settings))
+        carried = _trial(complex_, samples.refined(samples.signed, local, settings), settings)
         surface, is_on = surface_normals(complex_, carried.cut.inside, carried.normals)
         if _is_believed(surface, is_on, carried.normals, samples, own):
             return Orientation(_outward(carried, surface, samples), carried.cut.coverage, (carried,))
@@ -100,7 +98,9 @@ def orient_samples(
         turned = solver.alternate(solved, *own.sigmas, own.alternations)
         directions = (solved, turned) if is_fine else (turned,)  # on thin sheets a turn may do harm
         for dipoles in directions:
-            trials += [_trial(complex_, normals) for normals in _candidates(dipoles, samples, local, settings)]
+            trials += [
+                _trial(complex_, normals, settings) for normals in _candidates(dipoles, samples, local, settings)
+            ]
         if max(trial.cut.coverage for trial in trials) < own.hidden:
             break  # a finer grid shows no surface either
     is_clean = max(trial.cut.coverage for trial in trials) >= own.interpolating
@@ -109,8 +109,8 @@ def orient_samples(
     return Orientation(_outward(trials[0], surface, samples), trials[0].cut.coverage, tuple(trials))
 
 
-def _trial(complex_: DelaunayComplex, normals: Floats) -> Trial:
-    return Trial(normals, cut_complex(complex_, normals))
+def _trial(complex_: DelaunayComplex, normals: Floats, settings: CloudSettings) -> Trial:
+    return Trial(normals, cut_complex(complex_, normals, settings.cuts.first))
 
 
 def _outward(trial: Trial, surface: Floats, samples: Samples) -> Floats:

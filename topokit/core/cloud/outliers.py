@@ -9,17 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.settings import OutlierSettings
 from topokit.core.neighbors.kd_tree import nearest_in_tree, without_many_copies
-
-Booleans = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _NEIGHBORS = 12  # of the plane beside which an outlier lies
 _WIDTH = 8  # the distance to so many neighbors is the width of a neighborhood

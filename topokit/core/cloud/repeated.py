@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import Surface
 from topokit.core.cloud.settings import SamplingSettings
 from topokit.core.neighbors.kd_tree import nearest_in_tree
 from topokit.core.separation import close_pairs, separate
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def separate_samples(

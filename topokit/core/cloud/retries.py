@@ -20,8 +20,8 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats
 from topokit.core.cloud.look import Cloud, Look, look_at
 from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, surface_of
 from topokit.core.cloud.orientation import Orientation
@@ -41,8 +41,6 @@ from topokit.core.cloud.votes import (
     values_of,
 )
 from topokit.core.progress import stages
-
-Floats = NDArray[np.float64]
 
 
 def look_again(look: Look, settings: CloudSettings) -> Look:
@@ -76,7 +74,7 @@ def _with_more_samples(look: Look, settings: CloudSettings) -> Look | None:
     if len(set(values_of(votes, "cut"))) > 1:
         return None
     if not look.has_given_signs:
-        _, corrected = normals_by_poles(complex_, outward, cuts[0], rounds=1)
+        _, corrected = normals_by_poles(complex_, outward, cuts[0], settings.cuts.first, rounds=1)
         if surface_eulers(complex_, corrected) != votes[0].eulers:
             return None
     fewer = [replace(vote, family="coarse cut") for vote in look.votes if vote.family == "cut"]
@@ -150,7 +148,7 @@ def _shifted(
     """
     normals, axes = cloud.outward, cloud.samples.axes
     if found is not None:
-        corrected = found.corrected(cloud.complex_, axes, settings.orientation)
+        corrected = found.corrected(cloud.complex_, axes, settings)
         normals, cut = corrected.normals, corrected.cut
     trials = [_trial(np.zeros(len(normals)), normals, cloud.local, cloud.complex_, cut, settings)]
 
@@ -161,9 +159,9 @@ def _shifted(
     shifts = list(_lengths(normals, cloud.local, settings))
     with ThreadPoolExecutor(1) as thread:  # flows hold the interpreter's lock, tetrahedra do not
         for length, local, complex_ in thread.map(moved, shifts):
-            turned, its_cut = normals, cut_complex(complex_, normals)
+            turned, its_cut = normals, cut_complex(complex_, normals, settings.cuts.first)
             if found is not None:
-                turned, its_cut = normals_by_poles(complex_, normals, its_cut, rounds=1, axes=axes)
+                turned, its_cut = normals_by_poles(complex_, normals, its_cut, settings.cuts.first, rounds=1, axes=axes)
             trials.append(_trial(length, turned, local, complex_, its_cut, settings))
     return normals, trials
 

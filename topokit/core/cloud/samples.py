@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.normals.creases import Faces
 from topokit.core.cloud.normals.patches import Neighborhoods, refitted, turned_towards
 from topokit.core.cloud.normals.propagation import Propagation
 from topokit.core.cloud.sampling.cubes import CubeHierarchy
 from topokit.core.cloud.sampling.downsampling import representatives
 from topokit.core.cloud.settings import CloudSettings
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,12 @@ class PatchSettings:
     wide: int = _number(39, "neighbors", "of a sample among which opposite sheets are looked for", GEOMETRY)
     same_sheet: float = _number(0.3, "cosine", "of normals above which neighbors lie on one sheet", GEOMETRY)
     refit: int = _number(12, "neighbors", "of planes that are fitted anew once signs are known", REAL)
-    refit_cosine: float = _number(0.5, "cosine", "of normals from which neighbors count in such a plane", REAL)
+    refit_cosine: float = _number(
+        0.5,
+        "cosine",
+        "of normals from which neighbors are on one sheet; from its negative they are on opposite ones",
+        REAL,
+    )
     fewest_refitted: int = _number(5, "neighbors", "that must count in such a plane", REAL)
 
 
@@ -182,7 +187,7 @@ class SamplingSettings:
         "least 0.92",
     )
     probes: int = _number(
-        1000, "points", "at which groups, noise, thin walls, double sheets and wires are looked for", COST
+        1000, "points", "at which groups of points, noise, thin walls and double sheets are looked for", COST
     )
     boundary_points: int = _number(50_000, "points", "on which boundaries are looked for and curvature is summed", COST)
 
@@ -227,6 +232,11 @@ class CutSettings:
         (CutWeights(), CutWeights(1.5, 3.0, 6.0), CutWeights(0.3, 2.0, 2.0)), "energy", "terms of each cut", REAL
     )
 
+    @property
+    def first(self) -> CutWeights:
+        """The weights that decide between orientations, and of the surface that is shown."""
+        return self.weights[0]
+
 
 @dataclass(frozen=True)
 class FieldSettings:
@@ -247,7 +257,12 @@ class FieldSettings:
 class QualitySettings:
     """Sheets that are close together, and the size of features that can be seen."""
 
-    near: float = _number(1.5, "spacings", "at which an opposite sheet makes edges look like boundaries", REAL)
+    near: float = _number(
+        1.5,
+        "spacings",
+        "at which an opposite sheet makes edges look like boundaries; samples are shifted away from it",
+        REAL,
+    )
     uncovered: float = _number(
         1.3,
         "spacings",

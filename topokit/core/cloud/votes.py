@@ -16,8 +16,8 @@ from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.fields import Task, field_tasks
 from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import (
@@ -35,8 +35,6 @@ from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_comple
 from topokit.core.neighbors import neighbor_components
 from topokit.core.processors import n_cores
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Family = Literal["cut", "coarse cut", "shifted cut", "field"]
 
 CUT_FAMILIES: tuple[Family, ...] = ("cut", "shifted cut")

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.findings import Preparation, Witness
 from topokit.core.cloud.given import Signs, consistent_signs
 from topokit.core.cloud.guards import (
@@ -42,8 +42,6 @@ from topokit.errors import InputError
 
 __all__ = ["CloudSettings", "Signs", "Witness", "global_witness"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _QUERIES = 1 << 20  # points whose nearest neighbors are looked up at once
 

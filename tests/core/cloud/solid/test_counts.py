@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from topokit.core.cloud.solid.counts import solid_eulers
-from topokit.core.cloud.solid.tetrahedra import delaunay_complex
+from topokit.core.cloud.solid.tetrahedra import delaunay_complex, facets_at
 
 
 def euler_of(tetrahedra: set[tuple[int, ...]]) -> int:
@@ -21,9 +21,11 @@ def euler_of(tetrahedra: set[tuple[int, ...]]) -> int:
 @pytest.mark.parametrize("n_points", [5, 30, 300])
 def test_both_sides_count_as_their_simplices(n_points: int, share: float) -> None:
     rng = np.random.default_rng(n_points)
-    complex_ = delaunay_complex(rng.normal(size=(n_points, 3)), 0.3)
+    complex_ = delaunay_complex(rng.normal(size=(n_points, 3)), np.full(n_points, 0.3))
     inside = rng.random(len(complex_.tetrahedra)) < share
     within = {tuple(one) for one in complex_.tetrahedra[inside].tolist()}
     beyond = {tuple(one) for one in complex_.tetrahedra[~inside].tolist()}
-    beyond |= {(*facet, n_points) for facet in complex_.hull.tolist()}
+    beyond |= {
+        (*facet, n_points) for facet in facets_at(complex_.tetrahedra, *np.nonzero(complex_.neighbors < 0)).tolist()
+    }
     assert solid_eulers(complex_, inside) == (euler_of(within), euler_of(beyond))

@@ -11,19 +11,20 @@ import trimesh
 from numpy.typing import NDArray
 
 from topokit.core.cloud.normals.patches import neighborhoods_of
-from topokit.core.cloud.settings import PatchSettings, QualitySettings
+from topokit.core.cloud.settings import CutWeights, PatchSettings, QualitySettings
 from topokit.core.cloud.solid.tetrahedra import cut_complex, delaunay_complex
 from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches
 from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
+WEIGHTS = CutWeights()
 QUALITY = QualitySettings()
 RANDOM = 25  # more samples than this are never missing between random ones
 
 
 def patches_of(points: Floats, normals: Floats) -> tuple[UncoveredPatch, ...]:
     complex_ = delaunay_complex(points, neighborhoods_of(points, PatchSettings()).spacings)
-    return uncovered_patches(complex_, cut_complex(complex_, normals).inside, points, normals, QUALITY)
+    return uncovered_patches(complex_, cut_complex(complex_, normals, WEIGHTS).inside, points, normals, QUALITY)
 
 
 def sphere(n_points: int, seed: int = 0) -> Floats:
@@ -67,8 +68,8 @@ def test_points_between_sparse_samples_cover_the_surface() -> None:
     points = sphere(20_000)
     sparse = (points[:, 2] < 0.8) | (np.arange(len(points)) % 10 == 0)
     samples = points[sparse]
-    complex_ = delaunay_complex(samples, (4 * math.pi / len(points)) ** 0.5)
-    inside = cut_complex(complex_, samples).inside
+    complex_ = delaunay_complex(samples, np.full(len(samples), (4 * math.pi / len(points)) ** 0.5))
+    inside = cut_complex(complex_, samples, WEIGHTS).inside
     assert uncovered_patches(complex_, inside, samples, samples, QUALITY)[0].missing > 2 * RANDOM
     covered = uncovered_patches(complex_, inside, points, samples, QUALITY)
     assert max((patch.missing for patch in covered), default=0.0) < RANDOM

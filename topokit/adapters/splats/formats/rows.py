@@ -8,19 +8,17 @@ import zlib
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topokit.adapters.splats.entry import FORMATS, scene_file
 from topokit.adapters.splats.formats.splat import ROW
 from topokit.adapters.splats.formats.spz import HEADER, layout_of
 from topokit.adapters.splats.formats.table import CONVERTER
+from topokit.core.arrays import Integers
 from topokit.errors import InputError, UnknownFormatError
 from topokit.inputs.files import GZIP, existing_file, head
 from topokit.inputs.formats import format_of
 from topokit.inputs.ply import ply_elements, write_ply
 from topokit.inputs.writing import completed_file
-
-Integers = NDArray[np.int64]
 
 
 def copy_rows(source: str | os.PathLike[str], rows: Integers, target: str | os.PathLike[str]) -> None:

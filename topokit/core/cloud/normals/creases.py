@@ -15,12 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.normals.patches import Planes, Surface, in_blocks, turned_towards
 from topokit.core.cloud.settings import CreaseSettings
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

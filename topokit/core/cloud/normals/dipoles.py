@@ -7,16 +7,14 @@ References:
 
 from __future__ import annotations
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Floats
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.splines import GridSampler
 from topokit.core.grid.winding_field import PoissonFilter
 
-Floats = NDArray[np.float64]
 _LEAST_CURVATURE = 1e-30  # of the energy along a direction of descent; below it single precision is exhausted
 
 

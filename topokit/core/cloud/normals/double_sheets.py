@@ -13,12 +13,10 @@ Reference:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats
 from topokit.core.cloud.normals.patches import Surface
 from topokit.core.cloud.settings import DoubleSettings
-
-Floats = NDArray[np.float64]
 
 _TINY = 1e-300  # keeps quotients of lengths finite
 _RIDGE = 1e-9  # of the normal equations, in units of the patch: neighbors may lie on a line

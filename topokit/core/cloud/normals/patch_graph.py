@@ -16,11 +16,9 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Floats, Integers
 
 
 def relative_signs(count: int, first: Integers, second: Integers, votes: Floats) -> Floats:

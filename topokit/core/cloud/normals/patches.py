@@ -12,15 +12,12 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.settings import PatchSettings
 from topokit.core.linalg import normalize, smallest_eigenvector
 from topokit.core.neighbors import nearest_neighbors
 from topokit.core.processors import n_cores
 from topokit.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _ROWS = 1 << 12  # neighborhoods in memory, and in the processor's cache, at once
 _FEWEST_ON_SHEET = 3  # neighbors on the same sheet that give an area

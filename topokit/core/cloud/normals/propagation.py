@@ -22,12 +22,10 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.normals.patch_graph import relative_signs
 from topokit.core.cloud.settings import SignSettings
 from topokit.core.labels import connected_labels
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _EDGES = 1 << 20  # edges whose ends are in memory at once
 _SMALLEST_WEIGHT = 1e-6  # SciPy takes a zero for a missing edge

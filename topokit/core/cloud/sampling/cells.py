@@ -16,11 +16,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.sampling.copies import distinct
 from topokit.core.labels import count_distinct
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Keys = NDArray[np.uint64]
 
 FINEST = -500

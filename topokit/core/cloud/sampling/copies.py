@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.labels import connected_labels
 from topokit.core.neighbors.kd_tree import nearest_in_tree
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _APART = 10.0  # times as far as a copy is the next place; 1 in 100 random points of a surface have such a copy
 _NEARLY = 4.0  # the same in clouds that do hold copies, so that groups are found whole; 6 in 100 random points

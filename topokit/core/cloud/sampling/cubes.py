@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Floats, Integers
 
 _BITS = 20  # levels of the hierarchy; three times as many bits make one key
 _FEWEST = 4  # points that a plane is fitted to, and from which a cube may be split if there are plenty

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.sampling.cubes import CubeHierarchy, curve_order
 from topokit.core.labels import count_distinct
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Criterion = Literal["feature-size", "curvature", "even"]
 
 _ATTEMPTS = 16  # sides of cubes that are tried for even downsampling

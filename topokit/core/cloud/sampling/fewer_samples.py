@@ -6,16 +6,14 @@ from typing import get_args
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.normals.patches import surface_of
 from topokit.core.cloud.sampling.copies import distinct
 from topokit.core.cloud.sampling.downsampling import Criterion, downsample
 from topokit.core.cloud.settings import PatchSettings
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
-
-Floats = NDArray[np.float64]
 
 _FEWEST_FOR_AXES = 32  # distinct points from which axes and noise are measured
 
@@ -27,7 +25,7 @@ def fewer_samples(samples: SurfaceSamples, n_samples: int, by: Criterion) -> Sur
         samples: (N, 3), not batched.
         n_samples: number of samples to keep, at most.
         by: see `downsample` in `topokit.core.cloud.sampling.downsampling`; signs of normals tell opposite sheets apart
-            only if they are known.
+            only if they are known. Points at fewer than 32 places are chosen evenly.
 
     Returns:
         `SurfaceSamples`, differentiable in the samples at a fixed choice.
@@ -42,8 +40,11 @@ def fewer_samples(samples: SurfaceSamples, n_samples: int, by: Criterion) -> Sur
     if n_samples < 4:
         raise InputError(f"{n_samples} samples cannot stand for a surface: keep at least 4.")
     points = np.ascontiguousarray(samples.points.detach().cpu().double().numpy())
-    normals, noise = _directions(points, samples, by)
-    kept, owner = downsample(points, n_samples, by, normals, noise)
+    first, place = distinct(points)
+    if by == "even" or len(first) < _FEWEST_FOR_AXES:
+        kept, owner = downsample(points, n_samples, "even")
+    else:
+        kept, owner = downsample(points, n_samples, by, *_directions(points[first], place, samples, by))
     chosen = samples.at(torch.from_numpy(kept).to(samples.points.device))
     if samples.areas is None:
         return chosen
@@ -52,14 +53,9 @@ def fewer_samples(samples: SurfaceSamples, n_samples: int, by: Criterion) -> Sur
     return SurfaceSamples(chosen.points, chosen.normals, chosen.frames, areas, chosen.oriented)
 
 
-def _directions(points: Floats, samples: SurfaceSamples, by: Criterion) -> tuple[Floats | None, float]:
-    """Unit normals for the criterion, or None, and the noise of the points."""
-    if by == "even" or len(points) < _FEWEST_FOR_AXES:
-        return (None, 0.0) if by != "curvature" else (np.ones_like(points), 0.0)
-    first, owner = distinct(points)
-    if len(first) < _FEWEST_FOR_AXES:
-        return None, 0.0
-    surface = surface_of(points[first], PatchSettings())
+def _directions(places: Floats, owner: Integers, samples: SurfaceSamples, by: Criterion) -> tuple[Floats | None, float]:
+    """Unit normals (N, 3) for the criterion, or None, and the noise; from places (M, 3) and the place (N,) of each."""
+    surface = surface_of(places, PatchSettings())
     known = samples.known_normals()
     if known is not None and (samples.oriented or by == "curvature"):
         directions = torch.nn.functional.normalize(known.detach().double(), dim=-1).cpu().numpy()

@@ -10,14 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.sampling.cells import FINEST, Cells, cell_keys, in_order, mixed
 from topokit.core.cloud.sampling.cubes import moments, thickness_of
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _STRAY_LEVELS = 2  # cubes of 4 × 4 × 4 cells that may be no surface
 _RARE = 32  # times fewer points than in the cube of most points, of a cube that may be haze

@@ -13,17 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.sampling.cells import in_order
 from topokit.core.cloud.solid.columns import circumcenters, cross_columns, dot_columns, edges_of, facing_crosses
-from topokit.core.cloud.solid.tetrahedra import FACETS
+from topokit.core.cloud.solid.tetrahedra import facets_at
 from topokit.core.labels import connected_labels, count_distinct
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 _DISPLACEMENT = 1e-4  # in spacings; points of a lattice have no unique tetrahedra
 
@@ -116,7 +112,7 @@ def _facet_values(
     count = len(tetrahedra)
     first, corner = np.nonzero((neighbors < 0) | (np.arange(count)[:, None] < neighbors))
     second = np.where(neighbors[first, corner] < 0, count, neighbors[first, corner])
-    facets = tetrahedra[first[:, None], FACETS[corner]]
+    facets = facets_at(tetrahedra, first, corner)
     center, radius = _circumcircles(*(columns.take(facets[:, k], axis=1) for k in range(3)))
     values = np.append(squared, np.inf)
     bound = np.minimum(values[first], values[second])

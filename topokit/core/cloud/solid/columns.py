@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from topokit.core.arrays import Floats, Integers
+
 Triple = tuple[Floats, Floats, Floats]
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.cloud.solid.tetrahedra import EDGES, FACETS, DelaunayComplex, separating_facets
+from topokit.core.arrays import Booleans
+from topokit.core.cloud.solid.tetrahedra import EDGES, FACETS, DelaunayComplex, facets_at, separating_facets
 from topokit.core.labels import connected_labels, count_distinct
-
-Booleans = NDArray[np.bool_]
 
 _FACET_EDGES = np.array([[k for k, edge in enumerate(EDGES) if set(edge) <= set(facet)] for facet in FACETS])
 """Edges of the facet opposite to each vertex of a tetrahedron."""
@@ -21,7 +20,7 @@ def solid_eulers(complex_: DelaunayComplex, inside: Booleans) -> tuple[int, int]
     """
     n_facets = len(separating_facets(complex_, inside)[0])
     tetrahedron, corner = np.nonzero(complex_.neighbors < 0)  # infinity makes one more tetrahedron of each hull facet
-    hull_points = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
+    hull_points = facets_at(complex_.tetrahedra, tetrahedron, corner)
     hull_edges = complex_.edges[tetrahedron[:, None], _FACET_EDGES[corner]]
     n_inside, n_outside = int(inside.sum()), int((~inside).sum()) + len(tetrahedron)
     within = _counted(complex_.tetrahedra, inside) - _counted(complex_.edges, inside)

@@ -14,13 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.normals.patches import turned_towards, unit
-from topokit.core.cloud.solid.tetrahedra import FACETS, Cut, DelaunayComplex, cut_complex, surface_normals
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from topokit.core.cloud.settings import CutWeights
+from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, surface_normals
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +46,13 @@ def outer_poles(complex_: DelaunayComplex) -> OuterPoles:
     tetrahedron = np.zeros(len(complex_.points), dtype=np.int64)
     tetrahedron[complex_.tetrahedra[order].ravel()] = np.repeat(order, 4)  # of several the last one stays: the largest
     way = unit(complex_.centers[tetrahedron] - complex_.points)
-    outward = _hull_normals(complex_)
-    is_on_hull = (outward != 0).any(1)
+    everything = np.ones(len(complex_.tetrahedra), dtype=bool)  # bounded by the convex hull
+    outward, is_on_hull = surface_normals(complex_, everything, np.zeros_like(complex_.points))
     return OuterPoles(np.where(is_on_hull, -1, tetrahedron), np.where(is_on_hull[:, None], outward, way))
 
 
-def _hull_normals(complex_: DelaunayComplex) -> Floats:
-    """Outward area-weighted unit normals (N, 3) of the convex hull, zero at other points."""
-    tetrahedron, corner = np.nonzero(complex_.neighbors < 0)
-    area = complex_.facet_area[tetrahedron, corner][:, None] * complex_.facet_normal[tetrahedron, corner]
-    vertices = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]].ravel()
-    count = len(complex_.points)
-    return unit(np.stack([np.bincount(vertices, np.repeat(area[:, axis], 3), count) for axis in range(3)], 1))
-
-
 def normals_by_poles(
-    complex_: DelaunayComplex, normals: Floats, cut: Cut, rounds: int, axes: Floats | None = None
+    complex_: DelaunayComplex, normals: Floats, cut: Cut, weights: CutWeights, rounds: int, axes: Floats | None = None
 ) -> tuple[Floats, Cut]:
     """Outward normals (N, 3) whose signs are those of the poles in the solid that they imply, and its cut.
 
@@ -73,6 +62,7 @@ def normals_by_poles(
         complex_: tetrahedra of N samples.
         normals: (N, 3), unit, most of them outward.
         cut: of these normals.
+        weights: of the cuts.
         rounds: how often poles are labeled anew; more than two change nothing.
         axes: (N, 3), unit normals of arbitrary sign, where known.
     """
@@ -82,5 +72,5 @@ def normals_by_poles(
         outward = poles.signed(cut)
         mean = unit(np.where(is_on[:, None], surface, 0) + outward + 1e-9 * poles.way)
         normals = turned_towards(mean if axes is None else axes, outward)
-        cut = cut_complex(complex_, normals)
+        cut = cut_complex(complex_, normals, weights)
     return normals, cut

@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topokit.core.cloud.solid.tetrahedra import FACETS, DelaunayComplex, separating_facets
+from topokit.core.arrays import Booleans, Integers
+from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, facets_at, separating_facets
 from topokit.core.labels import connected_labels
-
-Booleans = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +55,7 @@ def cut_surface(complex_: DelaunayComplex, inside: Booleans, euler: int) -> CutS
 def _taken_apart(complex_: DelaunayComplex, inside: Booleans, *, joined: bool) -> CutSurface:
     """The boundary of the solid; every edge gets two faces and every vertex one fan."""
     tetrahedron, corner = separating_facets(complex_, inside)
-    faces = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
+    faces = facets_at(complex_.tetrahedra, tetrahedron, corner)
     if len(faces) == 0:
         return CutSurface(faces.ravel(), faces)
     fans = _fans(faces, _across_edges(complex_, inside, tetrahedron, corner, faces, joined))

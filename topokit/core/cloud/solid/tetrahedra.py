@@ -23,15 +23,12 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import Delaunay, QhullError
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.guards import is_flat
 from topokit.core.cloud.sampling.cubes import curve_order
 from topokit.core.cloud.settings import CutWeights
 from topokit.core.cloud.solid.columns import circumcenters, dot_columns, edges_of, facing_crosses
 from topokit.errors import InputError
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Booleans = NDArray[np.bool_]
 
 FACETS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 """Vertices of the facet opposite to each vertex of a tetrahedron."""
@@ -57,7 +54,6 @@ class DelaunayComplex:
         facet_normal: (T, 4, 3), unit, outward from the tetrahedron.
         centers: (T, 3), of the circumspheres; of slivers the centroid.
         sphere_cost: (T, 4), from 0 where the spheres on both sides meet the facet far from their center to 1.
-        hull: (H, 3), vertex indices of the convex hull's triangles.
         middle: (3,), center of the samples' box before they were centered.
         unit_length: the median spacing before they were scaled.
     """
@@ -70,7 +66,6 @@ class DelaunayComplex:
     facet_normal: Floats
     centers: Floats
     sphere_cost: Floats
-    hull: Integers
     middle: Floats
     unit_length: float
 
@@ -117,18 +112,16 @@ class Cut:
     coverage: float
 
 
-def delaunay_complex(points: Floats, spacing: float | Floats) -> DelaunayComplex:
+def delaunay_complex(points: Floats, spacing: Floats) -> DelaunayComplex:
     """Delaunay tetrahedra of points in space.
 
     Args:
         points: (N, 3).
-        spacing: typical distance between neighboring samples, one number or one per sample (N,); it makes the cut's
-            weights free of units.
+        spacing: (N,), typical distance of each to its neighbors; it makes the cut's weights free of units.
 
     Raises:
         InputError: if the points lie in a plane, on a line or in one place, or are fewer than five.
     """
-    spacing = np.broadcast_to(np.asarray(spacing, dtype=np.float64), len(points))
     unit_length = float(np.median(spacing))
     middle = (points.max(0) + points.min(0)) / 2
     points, spacing = (points - middle) / unit_length, spacing / unit_length
@@ -151,11 +144,10 @@ def delaunay_complex(points: Floats, spacing: float | Floats) -> DelaunayComplex
     back = (neighbors.take(across, axis=0) == np.arange(len(tetrahedra))[:, None, None]).argmax(2)
     other = np.where(on_hull, 1.0, cosine.ravel().take(4 * across + back))
     sphere_cost = (1 - np.clip(np.minimum(cosine, other), -1, 1)) / 2
-    hull = triangulation.convex_hull.astype(np.int64)
     squared = spacing.take(tetrahedra) ** 2
     area = length / 2 / ((squared.sum(1, keepdims=True) - squared) / 3)  # of the three corners of each facet
     return DelaunayComplex(
-        points, spacing, tetrahedra, neighbors, area, normal, center, sphere_cost, hull, middle, unit_length
+        points, spacing, tetrahedra, neighbors, area, normal, center, sphere_cost, middle, unit_length
     )
 
 
@@ -197,7 +189,7 @@ def _facets_and_spheres(points: Floats, tetrahedra: Integers) -> tuple[Floats, F
     )
 
 
-def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights | None = None) -> Cut:
+def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights) -> Cut:
     """The labeling of least energy for given normals, by one maximum flow.
 
     A facet f from inside to outside costs its area × (w.area + w.normal · (1 − mean f·n) / 2 + w.sphere · sphere cost);
@@ -209,7 +201,6 @@ def cut_complex(complex_: DelaunayComplex, normals: Floats, weights: CutWeights 
         normals: (N, 3), unit, outward.
         weights: of the four terms of the energy.
     """
-    weights = weights or CutWeights()
     tetrahedra, neighbors, count = complex_.tetrahedra, complex_.neighbors, len(complex_.tetrahedra)
     corner_normal = normals.take(tetrahedra, axis=0)
     side = weights.side * np.einsum("tca,tca->tc", complex_.corner_directions, corner_normal).mean(1) * complex_.surface
@@ -253,11 +244,16 @@ def surface_normals(complex_: DelaunayComplex, inside: Booleans, fallback: Float
     """
     tetrahedron, corner = separating_facets(complex_, inside)
     area = complex_.facet_area[tetrahedron, corner][:, None] * complex_.facet_normal[tetrahedron, corner]
-    vertices = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]].ravel()
+    vertices = facets_at(complex_.tetrahedra, tetrahedron, corner).ravel()
     count = len(complex_.points)
     total = np.stack([np.bincount(vertices, np.repeat(area[:, axis], 3), count) for axis in range(3)], 1)
     size = np.linalg.norm(total, axis=1)
     return np.where(size[:, None] > 0, total / np.maximum(size, 1e-300)[:, None], fallback), size > 0
+
+
+def facets_at(tetrahedra: Integers, tetrahedron: Integers, corner: Integers) -> Integers:
+    """Vertices (F, 3) of facets, from the tetrahedra (F,) that they are of and the corners (F,) opposite to them."""
+    return tetrahedra[tetrahedron[:, None], FACETS[corner]]
 
 
 def separating_facets(complex_: DelaunayComplex, inside: Booleans) -> tuple[Integers, Integers]:

@@ -11,16 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.settings import QualitySettings
-from topokit.core.cloud.solid.tetrahedra import FACETS, DelaunayComplex, separating_facets
+from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, facets_at, separating_facets
 from topokit.core.labels import connected_labels
-
-Booleans = NDArray[np.bool_]
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +49,7 @@ def uncovered_patches(
         settings: `uncovered` and `facing`.
     """
     tetrahedron, corner = separating_facets(complex_, inside)
-    facets = complex_.tetrahedra[tetrahedron[:, None], FACETS[corner]]
+    facets = facets_at(complex_.tetrahedra, tetrahedron, corner)
     spacing = complex_.spacing[facets].max(1, initial=0.0)
     place, radius = _farthest_places(complex_.points[facets])
     limit = settings.uncovered * spacing

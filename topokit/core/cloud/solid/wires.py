@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import unit
 from topokit.core.cloud.sampling.downsampling import downsample
@@ -23,9 +23,6 @@ from topokit.core.cloud.settings import WireSettings
 from topokit.core.cloud.solid.alpha import AlphaComplex, union_of_balls
 from topokit.core.labels import connected_labels, count_distinct
 from topokit.core.neighbors import nearest_neighbors
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _PROBES = 1000  # neighborhoods that are tested
 _FEW = 500  # points of which the tetrahedra are counted first

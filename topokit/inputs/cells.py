@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from topokit.core.arrays import Integers
 from topokit.errors import InputError
 
+Integers = NDArray[np.int64]
 _CORNERS = {"triangle": 3, "quad": 4, "polygon": None}  # all of a polygon's nodes are corners
 _NO_FACES = ("vertex", "line", "poly_line", "poly_vertex")
 # Faces of solid cells by the numbers of their corners, as in VTK, gmsh and meshio; each edge occurs in both directions.

@@ -59,10 +59,10 @@ def test_meshes_are_sampled_by_a_criterion(sampling: str) -> None:
 
 @pytest.mark.parametrize("by", get_args(Criterion))
 def test_points_at_few_places_are_chosen_evenly(by: Criterion) -> None:
-    points = torus_samples(10).points.repeat(10, 1)
-    fewer = tk.Shape(SurfaceSamples(points)).downsample(20, by).samples
-    assert fewer.n_points == 10
-    assert len(torch.unique(fewer.points, dim=0)) == 10
+    points = torus_samples(30).points.repeat(10, 1)
+    fewer = tk.Shape(SurfaceSamples(points)).downsample(28, by).samples
+    assert 21 <= fewer.n_points <= 28
+    assert len(torch.unique(fewer.points, dim=0)) == fewer.n_points
 
 
 def test_what_cannot_be_downsampled_is_refused() -> None:

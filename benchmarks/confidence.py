@@ -166,8 +166,8 @@ def answer(draw: Draw, solid: Planted) -> dict[str, Any]:
         "preparation": None if witness is None else witness.preparation,
         "source": None if witness is None else witness.signs.source,
         "wire": witness is not None and witness.wire is not None,
-        "repeated": witness is not None and witness.is_repeated,
-        "widened": witness is not None and witness.is_widened,
+        "repeated": witness is not None and witness.is_smoothed,
+        "widened": witness is not None and witness.is_shifted,
         "boundaries": len(boundary.curves),
         "seconds": round(time.process_time() - started, 2),
     }

@@ -29,7 +29,7 @@ from skimage.measure import marching_cubes
 from torch import Tensor, nn
 
 import topokit as tk
-from topokit.core.grid.field import default_tau
+from topokit.core.grid.tau import default_tau
 
 TRUNCATION, NOISE = 0.2, 0.02
 SHARED = {"grid": {"steps": 200, "rate": 2e-3}, "neural": {"steps": 400, "rate": 1e-3}}

@@ -14,7 +14,7 @@ from torch import Tensor
 import topokit as tk
 from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import smoothed_euler
-from topokit.core.grid.field import default_tau
+from topokit.core.grid.tau import default_tau
 from topokit.errors import InputError
 
 Loss = Callable[..., Tensor]

@@ -111,3 +111,37 @@ def test_what_cannot_be_found_is_an_error() -> None:
 def test_a_right_volume_stays_as_it_is() -> None:
     volume = ball(12, 12, 12, 8)
     assert (tk.enforce(volume) == volume).all()
+
+
+def torus_field(p: torch.Tensor) -> torch.Tensor:
+    return torch.hypot(p[:, :2].norm(dim=1) - 0.6, p[:, 2]) - 0.25
+
+
+def test_a_shape_with_given_betti_numbers_knows_what_changed_and_is_a_goal() -> None:
+    volume = FAULTS["a bar with a bubble"]
+    before = tk.from_voxels(volume, spacing=0.5)
+    after = before.enforce((1, 0, 0), change="add")
+    assert after.betti().solid == (1, 0, 0)
+    assert after.mesh is None
+    assert after.volume > before.volume
+    assert any("voxels changed sides" in note for note in after.notes)
+    loss = after.goal()
+    assert loss.goal is not None
+    assert loss.goal.betti == (1, 0, 0)
+
+
+def test_a_function_becomes_a_volume_and_its_goal_trains_it() -> None:
+    ring = tk.from_sdf(torus_field, field_resolution=32, resolution=128)
+    ball = ring.enforce((1, 0, 0))
+    assert (ring.genus(), ball.genus()) == (1, 0)
+    loss = ball.goal(at_most=False)
+    assert float(loss(ring)) > 0
+    assert float(loss(ball)) == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.parametrize("betti", [(1, 0), (1, 0, -1), (1.0, 0, 0)])
+def test_wrong_numbers_are_refused(betti: tuple[int, ...]) -> None:
+    with pytest.raises(tk.InputError, match="expected"):
+        tk.from_voxels(FAULTS["a broken bar"]).enforce(betti)
+    with pytest.raises(tk.InputError, match="change"):
+        tk.from_voxels(FAULTS["a broken bar"]).enforce(change="grow")

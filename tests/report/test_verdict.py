@@ -10,7 +10,7 @@ import torch
 from witnesses import a_wire, a_witness, votes_of
 
 import topokit as tk
-from topokit.core.cloud.given import Signs
+from topokit.core.cloud.given_normals import Signs
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.votes import Vote

@@ -79,14 +79,13 @@ def test_cut_and_fill_give_a_sphere_and_leave_the_rest_alone() -> None:
     shape = tk.from_mesh(vertices, faces)
     [handle] = shape.handles()
     for result in (handle.cut(), handle.fill()):
-        report = tk.from_mesh(result).report()
+        report = result.report()
         assert (report.euler, report.verdict) == (2, "certain")
-        assert result.is_watertight
-        moved = (np.asarray(result.vertices)[: len(vertices)] != vertices).any(axis=1)
+        corners = result.to_trimesh().vertices
+        moved = (corners[: len(vertices)] != vertices).any(axis=1)
         assert 0 < moved.sum() <= 60
-        distinct = np.unique(np.float32(result.vertices), axis=0)
-        assert len(distinct) == len(result.vertices), "an STL file of it keeps the two caps apart"
-    assert handle.cut().volume < shape.surface().volume
+        assert len(np.unique(np.float32(corners), axis=0)) == len(corners), "an STL file of it keeps the two caps apart"
+    assert handle.cut().to_trimesh().volume < shape.surface().volume
     assert "handle_length=" in repr(handle)
 
 
@@ -117,7 +116,7 @@ def test_points_and_functions_have_handles_where_they_have_a_surface() -> None:
         [handle] = shape.handles()
         assert handle.handle_length == pytest.approx(2 * math.pi * minor, rel=0.03)
         assert handle.tunnel_length == pytest.approx(2 * math.pi * hole, rel=0.03)
-        assert handle.fill().euler_number == 2
+        assert handle.fill().genus() == 0
 
 
 def test_noise_on_a_real_mesh_is_removed_and_nothing_else(real_data: Path) -> None:

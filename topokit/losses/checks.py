@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from numbers import Integral, Real
 
-from topokit.core.grid.field import SMALLEST_TAU
+from topokit.core.grid.tau import SMALLEST_TAU
 from topokit.errors import InputError
 
 

@@ -7,8 +7,9 @@ from dataclasses import asdict
 
 from torch import Tensor
 
-from topokit.core.grid.field import Field, typical_step
+from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.tau import typical_step
 from topokit.errors import InputError
 from topokit.losses.guard import Memory
 

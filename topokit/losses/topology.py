@@ -14,7 +14,8 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, at_least_single
-from topokit.core.grid.field import Field, typical_step
+from topokit.core.grid.field import Field
+from topokit.core.grid.tau import typical_step
 from topokit.core.homotopy.nearest_solid import Change, Values
 from topokit.errors import InputError
 from topokit.losses.checks import check_choice, check_count, check_tau

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import from_voxels
-from topokit.adapters.voxels.field import VoxelField
 from topokit.core.homotopy.enforced import enforced
-from topokit.core.homotopy.nearest_solid import Change
+from topokit.core.homotopy.nearest_solid import Betti, Change
 from topokit.errors import InputError
-from topokit.repair.volumes import has_two_values, with_solid, with_values_of_the_nearest
+from topokit.repair.volumes import has_two_values, voxel_field, with_solid
 from topokit.report.wording import plural
 from topokit.shape import Shape
 
@@ -41,8 +39,8 @@ def enforce(
         An array or tensor of the same type, if that was given, else a `Shape`.
 
     Raises:
-        InputError: if no solid with these numbers was found, one of them is negative, the shape was not made from a
-            volume in memory, or as for `from_voxels`.
+        InputError: if no solid with these numbers was found, one of them is no integer of at least 0, the shape was not
+            made from a volume in memory or a function, or as for `from_voxels`.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -51,26 +49,31 @@ def enforce(
         >>> int((tk.enforce(ring) != ring).sum())  # one voxel closes the tunnel
         1
     """
-    wanted = (pieces, tunnels, cavities)
-    if min(wanted) < 0:
-        raise InputError(f"pieces, tunnels and cavities are {wanted}; numbers of at least 0 were expected.")
     shape = volume if isinstance(volume, Shape) else from_voxels(volume, **options)
-    field = shape.field
-    if not isinstance(field, VoxelField):
-        raise InputError(f"{shape.name} was not made from a volume in memory: only the voxels of one can be changed.")
-    before = field.volume.detach().cpu().numpy()
+    made = enforced_shape(shape, (pieces, tunnels, cavities), change)
+    if not isinstance(volume, np.ndarray | Tensor):
+        return made
+    values = voxel_field(made).volume
+    return values.to(volume) if isinstance(volume, Tensor) else values.numpy().astype(volume.dtype, copy=False)
+
+
+def enforced_shape(shape: Shape, betti: Betti, change: Change) -> Shape:
+    """The volume of a shape with given Betti numbers; see `Shape.enforce`."""
+    if len(betti) != 3 or not all(isinstance(one, int | np.integer) and one >= 0 for one in betti):
+        raise InputError(f"pieces, tunnels and cavities are {betti}; three integers of at least 0 were expected.")
+    if change not in get_args(Change):
+        raise InputError(f"change is {change!r}; expected one of {', '.join(map(repr, get_args(Change)))}.")
+    field = voxel_field(shape)
     inside = field.is_inside(field.volume).cpu().numpy()
     gray = None if has_two_values(field) else field.detached().cpu().numpy().astype(np.float32)
-    after = enforced(inside, gray, wanted, change, field.connectivity, field.grid.spacing)
+    after = enforced(inside, gray, betti, change, field.connectivity, field.grid.spacing) if inside.any() else None
     if after is None:
+        pieces, tunnels, cavities = betti
         asked = f"{plural(pieces, 'piece')}, {plural(tunnels, 'tunnel')} and {plural(cavities, 'cavity', 'cavities')}"
         raise InputError(
             f"{shape.name}: no solid with {asked} was found near this one, of which the report has "
             f"{shape.report().solid_betti}. Ask for numbers nearer to these, or for several steps."
         )
-    values = with_values_of_the_nearest(before, inside, after)
-    if isinstance(volume, Tensor):
-        return torch.from_numpy(values).to(volume)
-    if isinstance(volume, np.ndarray):
-        return values.astype(volume.dtype, copy=False)
-    return with_solid(shape, field, inside, after)
+    changed = plural(int((after != inside).sum()), "voxel")
+    made = with_solid(shape, field, inside, after)
+    return made.replace(notes=(*made.notes, f"{changed} changed sides, so that the solid has the wanted topology."))

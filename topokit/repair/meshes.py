@@ -62,8 +62,12 @@ def without_boundaries(shape: Shape) -> Shape:
     if shape.mesh is None:
         raise InputError(f"{shape.name} was not made from a mesh, so it has no boundary that could be filled.")
     vertices, faces = mesh_arrays(shape.mesh)
-    made = from_mesh(*without_boundary(vertices, mesh_topology(vertices, faces)))
-    return made.replace(name=shape.name, n_neighbors=shape.n_neighbors)
+    return mesh_like(shape, *without_boundary(vertices, mesh_topology(vertices, faces)))
+
+
+def mesh_like(shape: Shape, vertices: Floats, faces: Integers) -> Shape:
+    """A mesh (V, 3), (F, 3) with the name of a shape."""
+    return from_mesh(vertices, faces).replace(name=shape.name, n_neighbors=shape.n_neighbors)
 
 
 def _without_small_parts(

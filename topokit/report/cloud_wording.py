@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
@@ -181,12 +181,12 @@ def preparation_sentences(witness: Witness) -> tuple[str, ...]:
         sentences.append(
             f"{plural(n_points - n_used, 'point')} that coincide with others, or nearly do, were left out."
         )
-    if witness.is_widened:
+    if witness.is_shifted:
         sentences.append(
             "Some walls or gaps are thinner than the samples resolve: they were shifted along their normals before the "
             "integer was counted."
         )
-    if witness.is_repeated:
+    if witness.is_smoothed:
         sentences.append(
             "The votes on the noisy points differed: those on smoothed points, whose normals were found anew, were "
             "added."

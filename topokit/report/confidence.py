@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, share_of, values_of
 
 SCALES: Mapping[str, Callable[[float], float]] = MappingProxyType(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from topokit.core.cloud.findings import Witness
+from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading

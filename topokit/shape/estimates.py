@@ -184,7 +184,7 @@ def smoothed_euler(shape: Shape, tau: float | None = None) -> Tensor:
     This is the value whose gradient moves topology. It is computed on the field's own grid, in its connectivity.
 
     Args:
-        tau: scale of the levels, in units of the field; see `topokit.core.grid.field.default_tau` for the default.
+        tau: scale of the levels, in units of the field; see `topokit.core.grid.tau.default_tau` for the default.
             0 gives the exact integer of the grid, without a gradient.
 
     Returns:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pkgutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -89,7 +91,7 @@ def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:
         yield LocatedRegion(kind, one.volume, center, one.bounds, number, place, in_file)
 
 
-def located_handles(handles: Sequence[Handle], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:
+def located_handles(handles: Sequence[Handle[Shape]], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:
     """Handles as a report holds them, in a volume with their places in it."""
     return tuple(
         LocatedHandle(
@@ -106,7 +108,7 @@ def located_handles(handles: Sequence[Handle], placement: Placement | None = Non
     )
 
 
-def handles(shape: Shape) -> tuple[Handle, ...]:
+def handles(shape: Shape) -> tuple[Handle[Shape], ...]:
     """Where the handles of the closed surface are: for each a handle loop and a tunnel loop, smallest first.
 
     There are as many as the genus. The loops together form a basis of the first homology; each is shortened to a
@@ -125,5 +127,5 @@ def handles(shape: Shape) -> tuple[Handle, ...]:
         >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
         (2.5, 3.8)
     """
-    surface = closed_surface(shape)
-    return tuple(find_handles(surface.vertices, mesh_topology(surface.vertices, surface.faces)))
+    surface, made = closed_surface(shape), partial(pkgutil.resolve_name("topokit.repair.meshes:mesh_like"), shape)
+    return tuple(find_handles(surface.vertices, mesh_topology(surface.vertices, surface.faces), made))

@@ -1,4 +1,4 @@
-"""Methods of `Shape` that change it: without its narrow features, and written to a file.
+"""Methods of `Shape` that change it: without its narrow features, with another topology, and written to a file.
 
 The room of repair knows the adapters of volumes and meshes, and so lies above this one: it is found by its name.
 """
@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import os
 import pkgutil
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
+
+from topokit.errors import InputError
 
 if TYPE_CHECKING:
+    from topokit.core.homotopy.nearest_solid import Change
+    from topokit.losses.topology import TopologyLoss
     from topokit.shape.shape import Shape
 
 Handles = Literal["auto", "cut", "fill", False]
@@ -62,6 +66,57 @@ def simplify(
     made: Shape = pkgutil.resolve_name("topokit.repair.simplify:simplify")(
         shape, below, handles, cavities, components, boundaries
     )
+    return made
+
+
+def enforce(shape: Shape, betti: tuple[int, int, int] = (1, 0, 0), *, change: Change = "any") -> Shape:
+    """The volume whose solid has given Betti numbers, with as few voxels changed as were found; counted.
+
+    See `topokit.enforce`, which takes and gives arrays. A function becomes the volume of its values on its grid, as in
+    `simplify`; to change the function itself, train it with `goal()`. The search is a heuristic, its result exact. Not
+    differentiable.
+
+    Args:
+        betti: wanted numbers of pieces, tunnels and cavities of the solid.
+        change: whether voxels may only be added to the solid ("add"), only removed from it ("remove"), or both ("any").
+
+    Raises:
+        InputError: if no solid with these numbers was found, an argument has a wrong value, or the shape was not made
+            from a volume in memory or a function.
+
+    Example:
+        >>> import numpy as np, topokit as tk
+        >>> ring = np.ones((7, 7, 3), dtype=bool)
+        >>> ring[3, 3] = False
+        >>> tk.from_voxels(ring).enforce((1, 0, 0)).betti().solid
+        (1, 0, 0)
+    """
+    made: Shape = pkgutil.resolve_name("topokit.repair.enforce:enforced_shape")(shape, betti, change)
+    return made
+
+
+def goal(shape: Shape, **options: Any) -> TopologyLoss:
+    """A loss that is zero for fields whose solid has the topology of this one: to train the network that it came from.
+
+    Args:
+        options: as for `TopologyLoss`, such as `at_most`, `change` or `search_every`.
+
+    Raises:
+        InputError: if the Betti numbers of the solid are not known.
+
+    Example:
+        >>> import topokit as tk, torch
+        >>> axis = torch.linspace(-1, 1, 32)
+        >>> x, y, z = torch.meshgrid(axis, axis, axis, indexing="ij")
+        >>> torus = 0.3 - torch.hypot(torch.hypot(x, y) - 0.5, z)
+        >>> loss = tk.from_voxels(torus, level=0).enforce((1, 0, 0)).goal()
+        >>> bool(loss(torus) > 0)
+        True
+    """
+    betti = shape.report().solid_betti
+    if betti is None:
+        raise InputError(f"{shape.name}: the Betti numbers of its solid are not known, so they cannot be a goal.")
+    made: TopologyLoss = pkgutil.resolve_name("topokit.losses.topology:TopologyLoss")(betti=betti, **options)
     return made
 
 

@@ -32,7 +32,7 @@ from topokit.shape.features import features, narrow_places, with_features
 from topokit.shape.levels import euler_curve
 from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
-from topokit.shape.mending import fill_boundaries, save, simplify
+from topokit.shape.mending import enforce, fill_boundaries, goal, save, simplify
 from topokit.shape.surface import boundary_of, closed_surface
 from topokit.text import no_attribute
 
@@ -409,6 +409,8 @@ class Shape:
     split = facts.split
     save = save
     simplify = simplify
+    enforce = enforce
+    goal = goal
     fill_boundaries = fill_boundaries
 
     to_trimesh = outputs.to_trimesh

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud.noise import averaged, noise_level
-from topokit.core.cloud.normals.patches import Surface, surface_of
+from topokit.core.cloud.normals.patches import Patches, patches_of
 from topokit.core.cloud.settings import CloudSettings, SamplingSettings
 from topokit.core.cloud.witness import global_witness
 from topokit.testing import sphere_samples, torus_samples
@@ -25,8 +25,8 @@ def noisy(shape: str, n_points: int, sigma: float) -> Floats:
     return SAMPLES[shape](n_points).points.numpy() + sigma * np.random.default_rng(0).normal(size=(n_points, 3))
 
 
-def around(points: Floats) -> Surface:
-    return surface_of(points, SETTINGS.patches)
+def around(points: Floats) -> Patches:
+    return patches_of(points, SETTINGS.patches)
 
 
 def distance(shape: str, points: Floats) -> Floats:

@@ -10,9 +10,9 @@ import pytest
 import torch
 from sample_arrays import Cloud, Floats, sphere, torus
 
-from topokit.core.cloud.look import Cloud as Distinct
-from topokit.core.cloud.look import Look, look_at
-from topokit.core.cloud.normals.patches import surface_of
+from topokit.core.cloud.normals.patches import patches_of
+from topokit.core.cloud.reconstruction import Cloud as Distinct
+from topokit.core.cloud.reconstruction import Reconstruction, reconstruct
 from topokit.core.cloud.settings import CloudSettings, OrientationSettings, SamplingSettings, SignSettings
 from topokit.core.cloud.witness import global_witness
 from topokit.core.mesh.sampling import sample_triangles
@@ -47,8 +47,8 @@ SETTINGS = CloudSettings()
 BY_FIELDS = CloudSettings(signs=SignSettings(smooth_roughness=-1.0))  # no signs are carried
 
 
-def look(points: Floats, settings: CloudSettings = SETTINGS) -> Look:
-    return look_at(Distinct(points, None, oriented=True), surface_of(points, settings.patches), settings)
+def look(points: Floats, settings: CloudSettings = SETTINGS) -> Reconstruction:
+    return reconstruct(Distinct(points, None, oriented=True), patches_of(points, settings.patches), settings)
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, BY_FIELDS], ids=["carried", "fields"])

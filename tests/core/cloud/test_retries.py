@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from topokit.core.cloud import retries
-from topokit.core.cloud.look import Cloud, Look, look_at
-from topokit.core.cloud.normals.patches import neighborhoods_of, surface_of
+from topokit.core.cloud.normals.patches import neighborhoods_of, patches_of
+from topokit.core.cloud.reconstruction import Cloud, Reconstruction, reconstruct
 from topokit.core.cloud.retries import clearances
 from topokit.core.cloud.settings import CloudSettings, QualitySettings, SamplingSettings, ShiftSettings
 from topokit.core.cloud.solid.tetrahedra import cut_complex
@@ -65,14 +65,14 @@ def test_clearances_of_parallel_sheets() -> None:
 def test_plate_much_thinner_than_the_spacing(thickness: float) -> None:
     points, normals = plate_with_hole(2_000, thickness)  # spacing 0.06
     witness = global_witness(torch.from_numpy(points), torch.from_numpy(normals))
-    assert witness.is_widened
+    assert witness.is_shifted
     assert witness.euler == 0
     assert witness.agreement > 0.8  # of thirteen counts, at most two differ
 
 
 def test_samples_without_signs_stay() -> None:
     points, _ = plate_with_hole(2_000, 0.02)
-    assert not global_witness(torch.from_numpy(points)).is_widened
+    assert not global_witness(torch.from_numpy(points)).is_shifted
 
 
 def test_samples_are_shifted_by_the_lengths_of_the_settings() -> None:
@@ -89,7 +89,7 @@ def test_samples_are_shifted_by_the_lengths_of_the_settings() -> None:
 def test_unanimous_votes_are_left_alone() -> None:
     points, normals = plate_with_hole(2_000, 0.4)
     witness = global_witness(torch.from_numpy(points), torch.from_numpy(normals))
-    assert not witness.is_widened
+    assert not witness.is_shifted
     assert (witness.euler, witness.agreement) == (0, 1)
 
 
@@ -108,7 +108,7 @@ def test_noise_leaves_samples_where_they_are() -> None:
     noise = np.random.default_rng(1).normal(0, 0.01, (len(points), 1))
     witness = global_witness(torch.from_numpy(points + noise * normals))
     assert witness.agreement < 1
-    assert not witness.is_widened
+    assert not witness.is_shifted
     assert "shifted cut" not in {vote.family for vote in witness.votes}
 
 
@@ -117,7 +117,7 @@ def test_noisy_samples_whose_votes_differ_are_looked_at_again(thickness: float, 
     points, _ = plate_with_hole(2_000, thickness, seed=seed)
     noisy = points + np.random.default_rng(seed).normal(0, 0.02, points.shape)  # a third of the spacing
     witness = global_witness(torch.from_numpy(noisy))
-    assert witness.is_repeated
+    assert witness.is_smoothed
     assert len(values_of(witness.votes, "field")) == 6  # three of the points, three of the smoothed ones
     assert witness.euler == 0
     assert witness.surface is not None
@@ -130,7 +130,7 @@ def test_noisy_samples_whose_votes_agree_are_not() -> None:
     witness = global_witness(torch.from_numpy(noisy))
     assert witness.quality.coverage < 0.97
     assert witness.agreement == 1
-    assert not witness.is_repeated
+    assert not witness.is_smoothed
 
 
 def test_noisy_samples_with_lids_over_holes_are_looked_at_again() -> None:
@@ -139,7 +139,7 @@ def test_noisy_samples_with_lids_over_holes_are_looked_at_again() -> None:
     noisy = points + np.random.default_rng(0).normal(0, 0.02, points.shape)
     settings = CloudSettings(quality=QualitySettings(lid=0.0, uncovered=1.0))
     witness = global_witness(torch.from_numpy(noisy), settings=settings)
-    assert witness.is_repeated
+    assert witness.is_smoothed
     assert witness.agreement == 1
     assert witness.lids
 
@@ -169,8 +169,8 @@ def torus(n_points: int) -> tuple[Floats, Floats]:
     return 0.4 * normals + np.column_stack((np.cos(u), np.sin(u), 0 * u)), normals
 
 
-def look(points: Floats, normals: Floats | None = None) -> Look:
-    return look_at(Cloud(points, normals, oriented=True), surface_of(points, FEW.patches), FEW)
+def look(points: Floats, normals: Floats | None = None) -> Reconstruction:
+    return reconstruct(Cloud(points, normals, oriented=True), patches_of(points, FEW.patches), FEW)
 
 
 @pytest.mark.parametrize("are_found", [False, True])
@@ -219,7 +219,7 @@ def test_a_cloud_of_which_fewer_samples_show_too_little() -> None:
     witness = global_witness(torch.from_numpy(perforated_plate(20_000)), settings=FEW)
     assert witness.euler == 2 - 2 * 25
     assert 2_000 < witness.n_used <= 4_000
-    assert not witness.is_widened
+    assert not witness.is_shifted
     eulers = {vote.n_samples > 2_000: vote.eulers for vote in witness.votes if vote.family != "field"}
     assert eulers[True] == (witness.euler,) * 2 != eulers[False]
     assert witness.quality.coverage > 0.9
@@ -235,5 +235,5 @@ def test_a_cloud_off_any_surface_is_not_looked_at_through_other_samples() -> Non
     assert witness.preparation == "sampled"
     assert witness.agreement < 1
     assert witness.quality.coverage < 0.5
-    assert not witness.is_widened
+    assert not witness.is_shifted
     assert not [vote for vote in witness.votes if vote.family == "shifted cut"]

@@ -8,7 +8,8 @@ from analytic_fields import grid, torus
 from torch import Tensor
 
 from topokit.core.grid.euler import smoothed_euler, surface_euler
-from topokit.core.grid.field import GridField, default_tau, typical_step
+from topokit.core.grid.field import GridField
+from topokit.core.grid.tau import default_tau, typical_step
 from topokit.errors import InputError
 
 TORUS = torus(grid(24), 0.6, 0.25)

@@ -12,15 +12,14 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from topokit.adapters.implicit.box import UNIT_CUBE, as_bounds, find_bounds
 from topokit.adapters.implicit.files import read_network
 from topokit.adapters.implicit.function import BATCH_SIZE, Function, FunctionField, LevelFunction
 from topokit.adapters.implicit.surface import COARSEST, Bounds, ImplicitSurface
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
 from topokit.core.grid.grid import Grid
-from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.blockwise import Blocks
-from topokit.core.implicit.convergence import reached_faces
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions
@@ -29,11 +28,7 @@ from topokit.inputs.remote import is_address
 from topokit.plugins.programs import not_named
 from topokit.shape import Shape
 
-_UNIT_CUBE: Bounds = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
-_EXPECTED_BOUNDS = "((x0, y0, z0), (x1, y1, z1)), or (lowest, highest) for a cube"
 _EVEN = 0.5  # the level of occupancies: probabilities, where nothing else is given
-_SEARCH_CELLS = 32  # of the grids on which bounds are searched
-_DOUBLINGS = 6  # from [−1, 1]³ to [−64, 64]³
 _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes are recognized
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
@@ -209,11 +204,11 @@ class _Settings:
 
 
 def _shape(name: str, f: Function, sign: int, settings: _Settings, is_probability: bool = False) -> Shape:
-    bounds = _UNIT_CUBE if settings.bounds is None else _as_bounds(settings.bounds)
+    bounds = UNIT_CUBE if settings.bounds is None else as_bounds(settings.bounds)
     function = LevelFunction(f, settings.level, sign, name, _probes(bounds), settings.batch_size, is_probability)
     notes: tuple[str, ...] = ()
     if settings.bounds is None:
-        bounds, notes = _find_bounds(function)
+        bounds, notes = find_bounds(function)
     if function.dtype.itemsize < 4:
         notes += (f"{name} computes in {function.dtype}, which blurs positions: convert it to float32 for fine grids.",)
     seed = deferred_seed(settings.generator)
@@ -260,27 +255,3 @@ def _name_and_function(source: object, kind: str, caller: str) -> tuple[str, Fun
             "For values on a grid use topokit.from_voxels."
         )
     return kind, source
-
-
-def _as_bounds(bounds: object) -> Bounds:
-    try:
-        corners = torch.tensor(bounds, dtype=torch.float64)
-        corners = corners[:, None].expand(2, 3) if corners.shape == (2,) else corners
-    except (TypeError, ValueError) as error:
-        raise InputError(f"bounds could not be read ({error}); expected {_EXPECTED_BOUNDS}.") from error
-    if corners.shape != (2, 3) or not bool(corners.isfinite().all()) or not bool((corners[0] < corners[1]).all()):
-        raise InputError(f"bounds must be {_EXPECTED_BOUNDS}, with lower before upper, got {bounds}.")
-    low, high = (tuple(corner) for corner in corners.tolist())
-    return low, high
-
-
-def _find_bounds(function: LevelFunction) -> tuple[Bounds, tuple[str, ...]]:
-    """The smallest of the boxes [−2ᵏ, 2ᵏ]³ that holds the surface, else [−1, 1]³; and a note unless it is that one."""
-    for side in (float(2**doubling) for doubling in range(_DOUBLINGS + 1)):
-        bounds = (-side, -side, -side), (side, side, side)
-        values = dense_field(function.without_graph, Grid.covering(*bounds, _SEARCH_CELLS)).values
-        touches = any(any(pair) for pair in reached_faces(values))
-        if bool((values > 0).any()) and not touches:
-            note = f"The surface does not fit into [−1, 1]³; it was looked for in [−{side:g}, {side:g}]³."
-            return bounds, (note,) if side > 1 else ()
-    return _UNIT_CUBE, ()

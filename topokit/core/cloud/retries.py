@@ -22,9 +22,9 @@ from itertools import chain
 import numpy as np
 
 from topokit.core.arrays import Floats
-from topokit.core.cloud.look import Cloud, Look, look_at
-from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, surface_of
+from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, patches_of
 from topokit.core.cloud.orientation import Orientation
+from topokit.core.cloud.reconstruction import Cloud, Reconstruction, reconstruct
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.poles import normals_by_poles
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex
@@ -43,28 +43,28 @@ from topokit.core.cloud.votes import (
 from topokit.core.progress import stages
 
 
-def look_again(look: Look, settings: CloudSettings) -> Look:
+def reconstruct_again(before: Reconstruction, settings: CloudSettings) -> Reconstruction:
     """The same if all votes agree or if no surface shows; else what more, shifted or smoothed samples add."""
-    euler, share = tally(look.votes)
+    euler, share = tally(before.votes)
     is_unanimous = share == 1
-    is_noisy = look.found is not None and look.found.coverage < settings.orientation.interpolating
-    if is_noisy and look.cloud.samples.is_all:
-        return look if is_unanimous and not look.lids else _with_less_noise(look, settings)
-    is_hidden = not look.has_given_signs and look.quality.coverage < settings.orientation.hidden
-    has_converged = share_of(euler, values_of(look.votes, "coarse cut")) == 1
+    is_noisy = before.found is not None and before.found.coverage < settings.orientation.interpolating
+    if is_noisy and before.cloud.samples.is_all:
+        return before if is_unanimous and not before.lids else _with_less_noise(before, settings)
+    is_hidden = not before.has_given_signs and before.quality.coverage < settings.orientation.hidden
+    has_converged = share_of(euler, values_of(before.votes, "coarse cut")) == 1
     if is_hidden or (is_unanimous and has_converged):
-        return look
-    more = _with_more_samples(look, settings)
-    return more or (look if is_unanimous else _with_shifts(look, settings))
+        return before
+    more = _with_more_samples(before, settings)
+    return more or (before if is_unanimous else _with_shifts(before, settings))
 
 
-def _with_more_samples(look: Look, settings: CloudSettings) -> Look | None:
+def _with_more_samples(before: Reconstruction, settings: CloudSettings) -> Reconstruction | None:
     """The same with twice as many samples; None if there are not as many points, or if their cuts differ.
 
     Signs from empty spheres must give the same integer: where walls are too thin for any number of samples, cuts may
     agree on what the next signs refute.
     """
-    cloud, most = look.cloud, 2 * settings.sampling.samples
+    cloud, most = before.cloud, 2 * settings.sampling.samples
     if cloud.samples.is_all or len(cloud.points) < most:
         return None
     kept, owner = cloud.sampler.chosen(most)
@@ -73,35 +73,35 @@ def _with_more_samples(look: Look, settings: CloudSettings) -> Look | None:
     votes, cuts = cut_votes("cut", complex_, outward, settings)
     if len(set(values_of(votes, "cut"))) > 1:
         return None
-    if not look.has_given_signs:
+    if not before.has_given_signs:
         _, corrected = normals_by_poles(complex_, outward, cuts[0], settings.cuts.first, rounds=1)
         if surface_eulers(complex_, corrected) != votes[0].eulers:
             return None
-    fewer = [replace(vote, family="coarse cut") for vote in look.votes if vote.family == "cut"]
-    fields = [vote for vote in look.votes if vote.family == "field"]
+    fewer = [replace(vote, family="coarse cut") for vote in before.votes if vote.family == "cut"]
+    fields = [vote for vote in before.votes if vote.family == "field"]
     samples = replace(cloud.samples, kept=kept, owner=owner)
-    roughness = look.quality.roughness * cloud.local.spacing / local.spacing
+    roughness = before.quality.roughness * cloud.local.spacing / local.spacing
     return replace(
-        look,
+        before,
         cloud=replace(cloud, samples=samples, local=local, complex_=complex_),
         votes=(*votes, *fewer, *fields),
         cut=cuts[0],
-        quality=replace(look.quality, coverage=cuts[0].coverage, roughness=roughness),
+        quality=replace(before.quality, coverage=cuts[0].coverage, roughness=roughness),
     )
 
 
-def _with_less_noise(look: Look, settings: CloudSettings) -> Look:
+def _with_less_noise(before: Reconstruction, settings: CloudSettings) -> Reconstruction:
     """The same with the votes of smoothed samples, whose normals are found anew; the quality stays that of the points.
 
     The votes of both count. The surface is that of the smoothed samples, if their votes alone give the integer.
     """
-    moved = flattened(look.cloud.outward, look.cloud.local, settings.patches)
+    moved = flattened(before.cloud.outward, before.cloud.local, settings.patches)
     with stages({}):  # suppress nested progress
-        axes = look.cloud.samples.axes  # given ones, or None
-        again = look_at(Cloud(moved, axes, oriented=False), surface_of(moved, settings.patches), settings)
-    votes = look.votes + again.votes
-    shown = again if tally(again.votes)[0] == tally(votes)[0] else look
-    return replace(look, cloud=shown.cloud, votes=votes, cut=shown.cut, is_repeated=True)
+        axes = before.cloud.samples.axes  # given ones, or None
+        again = reconstruct(Cloud(moved, axes, oriented=False), patches_of(moved, settings.patches), settings)
+    votes = before.votes + again.votes
+    shown = again if tally(again.votes)[0] == tally(votes)[0] else before
+    return replace(before, cloud=shown.cloud, votes=votes, cut=shown.cut, is_smoothed=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,22 +121,22 @@ class _Shift:
         return sum(1 - cut.coverage for cut in self.cuts)
 
 
-def _with_shifts(look: Look, settings: CloudSettings) -> Look:
+def _with_shifts(before: Reconstruction, settings: CloudSettings) -> Reconstruction:
     """The same at the positions of the samples, shifted or not, that show the surface best."""
-    cloud, found = look.cloud, look.found
-    axes, trials = _shifted(cloud, look.cut, found, settings)
+    cloud, found = before.cloud, before.found
+    axes, trials = _shifted(cloud, before.cut, found, settings)
     candidates = trials if found is None else _of_most_cuts(trials)
     best = min(candidates, key=lambda trial: trial.missed)
     others = tuple(vote for trial in trials if trial is not best for vote in trial.votes) if found else ()
     if best is trials[0] and not cloud.samples.is_all:
-        return replace(look, votes=look.votes + others)  # signs at full density are better than those of poles
+        return replace(before, votes=before.votes + others)  # signs at full density are better than those of poles
     if best is trials[0] and found is None:
-        return look
+        return before
     normals = cloud.samples.spread(best.normals, cloud.normals)
     points = cloud.points + best.length[cloud.samples.owner, None] * cloud.samples.spread(axes, cloud.normals)
     moved = replace(cloud, points=points, normals=normals, local=best.local, complex_=best.complex_)
     votes, cut = gather_votes(moved, settings, best.cuts)
-    return replace(look, cloud=moved, votes=votes + others, cut=cut, is_widened=best is not trials[0])
+    return replace(before, cloud=moved, votes=votes + others, cut=cut, is_shifted=best is not trials[0])
 
 
 def _shifted(

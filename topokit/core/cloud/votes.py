@@ -22,7 +22,7 @@ from topokit.core.cloud.fields import Task, field_tasks
 from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import (
     Neighborhoods,
-    Surface,
+    Patches,
     neighborhoods_of,
     opposite_neighbors,
 )
@@ -191,12 +191,12 @@ def _field_tasks(cloud: OrientedCloud, settings: CloudSettings) -> Sequence[Task
     return field_tasks(cloud.points[part], cloud.normals[part], areas, cloud.local.finest, parts, settings.fields)
 
 
-def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: CloudSettings) -> SampleQuality:
+def sample_quality(cloud: OrientedCloud, patches: Patches, cut: Cut, settings: CloudSettings) -> SampleQuality:
     """How well the samples of a cloud support an answer.
 
     Args:
         cloud: with outward normals.
-        surface: neighborhoods of its points.
+        patches: neighborhoods of its points.
         cut: the first cut.
         settings: of the distances at which sheets are close.
     """
@@ -205,15 +205,15 @@ def sample_quality(cloud: OrientedCloud, surface: Surface, cut: Cut, settings: C
     few = cloud.samples.kept[:: -(-len(cloud.samples.kept) // sampling.probes)]
     return SampleQuality(
         coverage=cut.coverage,
-        roughness=surface.thickness / cloud.local.spacing,
-        crowded_wide=crowded_share(surface, cloud.normals, cloud.areas, cloud.samples.kept, quality.feature, settings),
-        crowded_boundary=crowded_share(surface, cloud.normals, cloud.areas, few, coarser, settings),
-        double=double_share(surface, cloud.normals, sampling.probes, settings.doubles),
+        roughness=patches.thickness / cloud.local.spacing,
+        crowded_wide=crowded_share(patches, cloud.normals, cloud.areas, cloud.samples.kept, quality.feature, settings),
+        crowded_boundary=crowded_share(patches, cloud.normals, cloud.areas, few, coarser, settings),
+        double=double_share(patches, cloud.normals, sampling.probes, settings.doubles),
     )
 
 
 def crowded_share(
-    surface: Surface, normals: Floats, areas: Floats, at: Integers, reach: float, settings: CloudSettings
+    patches: Patches, normals: Floats, areas: Floats, at: Integers, reach: float, settings: CloudSettings
 ) -> float:
     """Share of some points with an opposite sheet nearer than some local spacings, less than one spacing sideways.
 
@@ -221,21 +221,21 @@ def crowded_share(
     wrong integer.
 
     Args:
-        surface: neighborhoods of N points.
+        patches: neighborhoods of N points.
         normals: (N, 3), unit, outward.
         areas: (N,), of the discs that hold neighbors on the same sheet.
         at: (M,), indices of the points at which sheets are looked for.
         reach: distance of the opposite sheet, in spacings.
         settings: of the cosine.
     """
-    points = surface.points
+    points = patches.points
     at = at[curve_order(points[at])[0]]  # queries near each other are faster
     n_neighbors = min(int(np.ceil(np.pi * reach**2)) * 2, len(points))
-    index = surface.tree.query(points[at], n_neighbors)[1].reshape(len(at), -1)
+    index = patches.tree.query(points[at], n_neighbors)[1].reshape(len(at), -1)
     opposite, height, side = opposite_neighbors(
         points[at], normals[at], points[index], normals[index], settings.patches
     )
-    spacing = np.sqrt(areas[surface.around[at]].mean(1, keepdims=True))
+    spacing = np.sqrt(areas[patches.around[at]].mean(1, keepdims=True))
     return float((opposite & (side < spacing**2) & (np.abs(height) < reach * spacing)).any(1).mean())
 
 

@@ -14,22 +14,22 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.findings import Preparation, Witness
-from topokit.core.cloud.given import Signs, consistent_signs
+from topokit.core.cloud.evidence import Preparation, Witness
+from topokit.core.cloud.given_normals import Signs, consistent_signs
 from topokit.core.cloud.guards import (
     FEWEST_POINTS,
     centered_positions,
     refuse_filled_space,
     single_precision_step,
 )
-from topokit.core.cloud.look import Cloud, Look, look_at
 from topokit.core.cloud.noise import averaged
-from topokit.core.cloud.normals.patches import Surface, surface_of, turned_towards, unit
-from topokit.core.cloud.repeated import separate_samples
-from topokit.core.cloud.retries import look_again
+from topokit.core.cloud.normals.patches import Patches, patches_of, turned_towards, unit
+from topokit.core.cloud.reconstruction import Cloud, Reconstruction, reconstruct
+from topokit.core.cloud.retries import reconstruct_again
 from topokit.core.cloud.sampling.copies import distinct
 from topokit.core.cloud.sampling.cubes import curve_order
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
+from topokit.core.cloud.scan_groups import separate_samples
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.counts import count_parts
 from topokit.core.cloud.solid.surface import cut_surface
@@ -73,24 +73,24 @@ def global_witness(
     entry = _Entry.of(points, normals, oriented, settings)
     with stages(_stage_weights(len(entry.kept), settings)):
         begin("neighborhoods")
-        surface = surface_of(entry.cloud.points, settings.patches)
-        strand = read_wire(surface.points, surface.tree, settings.wires)
+        patches = patches_of(entry.cloud.points, settings.patches)
+        strand = read_wire(patches.points, patches.tree, settings.wires)
         if strand is not None:
-            return _wire_witness(entry, surface, *strand, settings, start)
-        while (groups := separate_samples(surface, entry.cloud.signed, settings.sampling)) is not None:
+            return _wire_witness(entry, patches, *strand, settings, start)
+        while (groups := separate_samples(patches, entry.cloud.signed, settings.sampling)) is not None:
             entry = entry.represented(*groups)
-            surface = surface_of(entry.cloud.points, settings.patches)
+            patches = patches_of(entry.cloud.points, settings.patches)
         cloud = entry.cloud
         refuse_filled_space(cloud.points, settings.guards)
         preparation: Preparation = "whole" if len(cloud.points) <= settings.sampling.whole else "sampled"
-        fewer = averaged(surface, settings)
+        fewer = averaged(patches, settings)
         owner = np.arange(len(cloud.points))
         if fewer is not None:
             moved, kept, owner = fewer
             cloud, preparation = cloud.at(moved, kept), "averaged"
-            surface, entry = surface_of(moved, settings.patches), entry.reduced(kept)
-        look = look_again(look_at(cloud, surface, settings), settings)
-        return _solid_witness(entry, look, owner, preparation, settings, start)
+            patches, entry = patches_of(moved, settings.patches), entry.reduced(kept)
+        found = reconstruct_again(reconstruct(cloud, patches, settings), settings)
+        return _solid_witness(entry, found, owner, preparation, settings, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,39 +153,47 @@ class _Entry:
 
 
 def _solid_witness(
-    entry: _Entry, look: Look, owner: Integers, preparation: Preparation, settings: CloudSettings, start: float
+    entry: _Entry,
+    found: Reconstruction,
+    owner: Integers,
+    preparation: Preparation,
+    settings: CloudSettings,
+    start: float,
 ) -> Witness:
-    cloud, inside = look.cloud, look.cut.inside
-    euler, agreement = tally(look.votes)
+    cloud, inside = found.cloud, found.cut.inside
+    euler, agreement = tally(found.votes)
     components, cavities = count_parts(cloud.complex_, inside)
     used = entry.kept[cloud.samples.kept]
     surface = cut_surface(cloud.complex_, inside, euler)
     return Witness(
         euler=euler,
         agreement=agreement,
-        votes=look.votes,
-        quality=look.quality,
-        signs=look.signs,
+        votes=found.votes,
+        quality=found.quality,
+        signs=found.signs,
         components=components,
         cavities=cavities,
-        normals=entry.normals(look.signs, cloud.normals[owner]),
+        normals=entry.normals(found.signs, cloud.normals[owner]),
         n_points=len(entry.positions),
         n_used=len(used),
         spacing=cloud.local.spacing * entry.unit_length,
-        resolution=look.resolution * entry.unit_length,
-        seconds={"orientation": look.turned - start, "votes": time.perf_counter() - look.turned},
+        resolution=found.resolution * entry.unit_length,
+        seconds={
+            "orientation": found.oriented_at - start,
+            "votes": time.perf_counter() - found.oriented_at,
+        },
         surface=replace(surface, points=used[surface.points]),
         preparation=preparation,
-        is_widened=look.is_widened,
-        is_repeated=look.is_repeated,
+        is_shifted=found.is_shifted,
+        is_smoothed=found.is_smoothed,
         rounding=entry.rounding,
-        lids=tuple(replace(patch, samples=used[patch.samples]) for patch in look.lids),
+        lids=tuple(replace(patch, samples=used[patch.samples]) for patch in found.lids),
     )
 
 
 def _wire_witness(
     entry: _Entry,
-    surface: Surface,
+    patches: Patches,
     wire: WireReading,
     kept: Integers,
     owner: Integers,
@@ -197,17 +205,17 @@ def _wire_witness(
     outward, signs = wire.normals[owner], Signs("none", None, None)
     if cloud.normals is not None:
         outward = turned_towards(cloud.normals, outward)
-        areas = surface.areas(cloud.normals)
-        found = consistent_signs(cloud.points, cloud.normals, areas, surface.spacing, settings.given)
-        signs = found if found is not None and cloud.oriented else Signs("axes", None, None)
-    spacing = surface.spacing * (len(cloud.points) / len(kept)) ** 0.5
-    areas, reaches = surface.areas(outward), (quality.near, quality.feature)
-    near, wide = (crowded_share(surface, outward, areas, kept, reach, settings) for reach in reaches)
+        areas = patches.areas(cloud.normals)
+        consistent = consistent_signs(cloud.points, cloud.normals, areas, patches.spacing, settings.given)
+        signs = consistent if consistent is not None and cloud.oriented else Signs("axes", None, None)
+    spacing = patches.spacing * (len(cloud.points) / len(kept)) ** 0.5
+    areas, reaches = patches.areas(outward), (quality.near, quality.feature)
+    near, wide = (crowded_share(patches, outward, areas, kept, reach, settings) for reach in reaches)
     return Witness(
         euler=wire.euler,
         agreement=wire.share,
         votes=(),
-        quality=SampleQuality(1 - wire.n_stray / len(kept), surface.thickness / spacing, wide, near, 0.0),
+        quality=SampleQuality(1 - wire.n_stray / len(kept), patches.thickness / spacing, wide, near, 0.0),
         signs=signs,
         components=wire.components,
         cavities=0,

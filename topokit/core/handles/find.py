@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from operator import attrgetter
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.handles.cycle_basis import CycleBasis, edge_graph
-from topokit.core.handles.handle import Handle
+from topokit.core.handles.handle import Handle, Made
 from topokit.core.handles.linking import decided_basis
 from topokit.core.handles.short_loops import SurfaceLoop, short_loops
 from topokit.core.handles.straightening import straightened
@@ -19,7 +20,9 @@ from topokit.core.mesh.topology import MeshTopology
 from topokit.errors import InputError
 
 
-def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
+def find_handles(
+    vertices: Floats, topology: MeshTopology, made: Callable[[Floats, Integers], Made]
+) -> list[Handle[Made]]:
     """The handles of a closed mesh, smallest first.
 
     The loops of each side are a basis of the classes that bound there; both together are a basis of all. Each component
@@ -28,17 +31,20 @@ def find_handles(vertices: Floats, topology: MeshTopology) -> list[Handle]:
     Args:
         vertices: (V, 3).
         topology: of the mesh, which is closed.
+        made: what vertices and faces become where a handle is cut or filled.
 
     Raises:
         InputError: if a component intersects itself, so that inside and outside are not defined.
     """
-    found = []
+    found: list[Handle[Made]] = []
     for component in np.flatnonzero(topology.components.genera > 0):
-        found += _handles_of((vertices, topology.faces), topology.face_labels == component, int(component))
+        found += _handles_of((vertices, topology.faces), topology.face_labels == component, int(component), made)
     return sorted(found, key=attrgetter("size"))
 
 
-def _handles_of(mesh: Arrays, is_own: Booleans, component: int) -> list[Handle]:
+def _handles_of(
+    mesh: Arrays, is_own: Booleans, component: int, made: Callable[[Floats, Integers], Made]
+) -> list[Handle[Made]]:
     """The handles of one component, whose faces are given as a mask (F,)."""
     names, faces = np.unique(mesh[1][is_own], return_inverse=True)
     vertices, faces = mesh[0][names], faces.reshape(-1, 3)
@@ -63,6 +69,7 @@ def _handles_of(mesh: Arrays, is_own: Booleans, component: int) -> list[Handle]:
             handle_vertices=names[inside[i].vertices],
             tunnel_vertices=names[outside[j].vertices],
             _mesh=mesh,
+            _made=made,
         )
         for i, j in _pairs(basis, inside, outside, lengths)
     ]

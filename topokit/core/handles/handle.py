@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Generic, TypeVar
 
 from topokit.core.arrays import Floats, Integers
 from topokit.core.components import Corner, corner
 from topokit.core.handles.surgery import Arrays, without_loops
 
-if TYPE_CHECKING:
-    import trimesh
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, eq=False)
-class Handle:
+class Handle(Generic[Made]):
     """One handle of a closed surface, as two closed curves that cross each other.
 
     Attributes:
@@ -38,6 +38,7 @@ class Handle:
     handle_vertices: Integers
     tunnel_vertices: Integers
     _mesh: Arrays = field(repr=False)
+    _made: Callable[[Floats, Integers], Made] = field(repr=False)
 
     @property
     def size(self) -> float:
@@ -61,8 +62,8 @@ class Handle:
             f"bounds={self.bounds}, component={self.component})"
         )
 
-    def cut(self) -> trimesh.Trimesh:
-        """The surface cut through along the handle loop, with both ends closed: one handle less.
+    def cut(self) -> Made:
+        """The shape whose surface is cut through along the handle loop, with both ends closed: one handle less.
 
         The cut follows the edges nearest to the loop. Its vertices are doubled and draw back a little to their sides;
         no other vertex moves, and the order of vertices and faces is kept.
@@ -72,15 +73,13 @@ class Handle:
         """
         return self._without(self.handle_vertices)
 
-    def fill(self) -> trimesh.Trimesh:
-        """The surface with the tunnel closed by a wall at the tunnel loop: one handle less; otherwise as `cut`.
+    def fill(self) -> Made:
+        """The shape whose tunnel is closed by a wall at the tunnel loop: one handle less; otherwise as `cut`.
 
         Raises:
             InputError: if the mesh is too coarse for the loop.
         """
         return self._without(self.tunnel_vertices)
 
-    def _without(self, loop: Integers) -> trimesh.Trimesh:
-        import trimesh
-
-        return trimesh.Trimesh(*without_loops(*self._mesh, [loop]), process=False)
+    def _without(self, loop: Integers) -> Made:
+        return self._made(*without_loops(*self._mesh, [loop]))

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import surface_euler
-from topokit.core.grid.field import typical_step
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.tau import typical_step
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, refine_grid
 from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
 from topokit.core.implicit.box_counts import ReachedFaces, rounded, value_of

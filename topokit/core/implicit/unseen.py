@@ -7,8 +7,8 @@ from functools import reduce
 import torch
 from torch import Tensor
 
-from topokit.core.grid.field import typical_step
 from topokit.core.grid.grid import Grid
+from topokit.core.grid.tau import typical_step
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Evaluate, dilate, is_near, over_cells
 
 _FAR = 3  # cells from the zero set

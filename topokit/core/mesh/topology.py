@@ -11,6 +11,7 @@ from topokit.core.components import CountedComponents, genus_of
 from topokit.core.labels import compact_labels, connected_labels
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
 from topokit.core.mesh.nesting import nesting
+from topokit.core.mesh.winding import flipped_faces, turned_over
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +87,11 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
     vertex_labels, labels = _component_labels(mesh, areas)
     n_components = int(labels.max()) + 1
     euler, loops = _euler_by_component(mesh, vertex_labels, labels), _boundary_loops(mesh, labels)
-    flip, is_twisted = _orientation(mesh)
+    flip, is_twisted = flipped_faces(mesh)
     orientable = _without(n_components, labels[is_twisted])
     manifold = _without(n_components, _edge_labels(mesh, labels, mesh.uses > 2), vertex_labels[mesh.pinched])
     closed = manifold & _without(n_components, _edge_labels(mesh, labels, mesh.uses == 1))
-    oriented = _turned(faces, flip)
+    oriented = turned_over(faces, flip)
     low, high = _bounds(vertices, vertex_labels)
     inside, depths = nesting(vertices, oriented, labels, closed & orientable, low, high)
     inward = _inward(np.where(flip, -volumes, volumes), labels, closed & orientable, depths)
@@ -107,7 +108,7 @@ def mesh_topology(vertices: Floats, faces: Integers, connectivity: MeshConnectiv
         inward_components=int(inward.sum()),
         inverted=inward & (depths % 2 == 0),
         is_orientable=bool(orientable.all()),
-        faces=_turned(oriented, inward[labels]),
+        faces=turned_over(oriented, inward[labels]),
         face_labels=labels,
     )
 
@@ -171,28 +172,6 @@ def _boundary_loops(mesh: MeshConnectivity, labels: Integers) -> Integers:
     return np.bincount(labels[face_of_curve[face_of_curve >= 0]], minlength=n_components)
 
 
-def _orientation(mesh: MeshConnectivity) -> tuple[Booleans, Booleans]:
-    """Which faces (F,) oppose the majority of their patch, and which lie in a patch that cannot be oriented.
-
-    Works on two copies of every face, as given and turned over: neighbors that agree join like to like, others
-    crosswise. A patch in which a face meets its own turned copy is not orientable and is left as it is.
-    """
-    first, second = mesh.twins
-    corners = mesh.faces.ravel()
-    agree = corners[first] != corners[second]
-    n_faces = len(mesh.faces)
-    if agree.all():
-        return np.zeros(n_faces, dtype=bool), np.zeros(n_faces, dtype=bool)
-    a, b = first // 3, second // 3
-    crosswise = np.where(agree, b, b + n_faces), np.where(agree, b + n_faces, b)
-    sheets = connected_labels(2 * n_faces, np.concatenate((a, a + n_faces)), np.concatenate(crosswise))
-    given, opposite = sheets[:n_faces], sheets[n_faces:]
-    sizes = np.bincount(given, minlength=int(sheets.max()) + 1)
-    is_smaller = (sizes[given] < sizes[opposite]) | ((sizes[given] == sizes[opposite]) & (given > opposite))
-    is_twisted = given == opposite
-    return is_smaller & ~is_twisted, is_twisted
-
-
 def _bounds(vertices: Floats, vertex_labels: Integers) -> tuple[Floats, Floats]:
     """Lowest and highest corner (C, 3) of every component."""
     order = np.argsort(vertex_labels, kind="stable")
@@ -205,7 +184,3 @@ def _bounds(vertices: Floats, vertex_labels: Integers) -> tuple[Floats, Floats]:
 def _inward(volumes: Floats, labels: Integers, usable: Booleans, depths: Integers) -> Booleans:
     """Closed components whose faces point into the solid (shells at odd depth bound a cavity and point into it)."""
     return usable & ((np.bincount(labels, volumes) < 0) != (depths % 2 == 1))
-
-
-def _turned(faces: Integers, flip: Booleans) -> Integers:
-    return np.where(flip[:, None], faces[:, ::-1], faces) if flip.any() else faces

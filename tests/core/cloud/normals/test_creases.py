@@ -7,10 +7,10 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from topokit.core.cloud.look import Cloud, look_at
 from topokit.core.cloud.normals.creases import Faces, find_faces
-from topokit.core.cloud.normals.patches import Surface, surface_of
+from topokit.core.cloud.normals.patches import Patches, patches_of
 from topokit.core.cloud.normals.propagation import propagate_signs
+from topokit.core.cloud.reconstruction import Cloud, reconstruct
 from topokit.core.cloud.settings import CloudSettings
 from topokit.testing import sphere_samples
 
@@ -30,8 +30,8 @@ def share_off(axes: Floats, normals: Floats, degrees: float = 15.0) -> float:
     return float((np.abs((axes * normals).sum(1)) < np.cos(np.radians(degrees))).mean())
 
 
-def faces_of(points: Floats) -> tuple[Surface, Faces]:
-    surface = surface_of(points, SETTINGS.patches)
+def faces_of(points: Floats) -> tuple[Patches, Faces]:
+    surface = patches_of(points, SETTINGS.patches)
     return surface, find_faces(surface, SETTINGS.creases)
 
 
@@ -59,7 +59,7 @@ def test_faces_carry_the_signs_found_farther_from_the_crease() -> None:
 def test_samples_are_oriented_with_the_normals_of_faces() -> None:
     points, normals = on_faces(trimesh.creation.box((2, 1, 0.6)), 3000)
     surface, _ = faces_of(points)
-    found = look_at(Cloud(points, None, oriented=True), surface, SETTINGS).found
+    found = reconstruct(Cloud(points, None, oriented=True), surface, SETTINGS).found
     assert found is not None
     assert share_off(surface.planes.axes, normals) > 0.1
     assert all(share_off(trial.normals, normals) < 0.03 for trial in found.trials)

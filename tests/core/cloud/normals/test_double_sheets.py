@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from topokit.core.cloud.normals.double_sheets import double_share
-from topokit.core.cloud.normals.patches import surface_of, unit
+from topokit.core.cloud.normals.patches import patches_of, unit
 from topokit.core.cloud.sampling.cubes import curve_order
 from topokit.core.cloud.settings import CloudSettings
 
@@ -23,7 +23,7 @@ def directions() -> Floats:
 
 
 def share(points: Floats, normals: Floats) -> float:
-    return double_share(surface_of(points, SETTINGS.patches), normals, 1_000, SETTINGS.doubles)
+    return double_share(patches_of(points, SETTINGS.patches), normals, 1_000, SETTINGS.doubles)
 
 
 @pytest.mark.parametrize("spacings", [0.0, 0.2, 0.6, 1.0])

@@ -11,9 +11,9 @@ from topokit.core.cloud.normals.patches import (
     flattened,
     neighborhoods_of,
     opposite_neighbors,
+    patches_of,
     plane_axes,
     refitted,
-    surface_of,
     turned_towards,
     unit,
 )
@@ -51,7 +51,7 @@ def test_axes_in_closed_form_are_those_of_decompositions() -> None:
 def test_axes_and_areas_of_a_sphere() -> None:
     known = sphere_samples(20_000)
     points, normals = known.points.numpy(), known.normals.numpy()
-    surface = surface_of(points, SETTINGS)
+    surface = patches_of(points, SETTINGS)
     assert np.abs((surface.planes.axes * normals).sum(1)).min() > 0.98
     assert surface.areas().sum() == pytest.approx(known.area, rel=0.15)
     assert surface.areas(normals).sum() == pytest.approx(known.area, rel=0.15)
@@ -60,7 +60,7 @@ def test_axes_and_areas_of_a_sphere() -> None:
 
 def test_neighbors_and_planes_are_those_found_one_by_one() -> None:
     points = np.random.default_rng(0).random((4500, 3)) * [1, 1, 0.01]  # more than one block
-    surface, index = surface_of(points, SETTINGS), nearest(points, SETTINGS.plane + 1)
+    surface, index = patches_of(points, SETTINGS), nearest(points, SETTINGS.plane + 1)
     np.testing.assert_array_equal(surface.points, points)
     np.testing.assert_array_equal(surface.neighbors, index[:, 1 : SETTINGS.graph + 1])
     axes, thickness = plane_axes(points[index])
@@ -75,7 +75,7 @@ def test_roughness_is_the_noise_in_spacings_at_every_size(n_points: int, noise: 
     known = sphere_samples(n_points)
     sigma = noise * (known.area / n_points) ** 0.5
     points = known.points.numpy() * (1 + sigma * np.random.default_rng(0).normal(size=(n_points, 1)))
-    surface = surface_of(points, SETTINGS)
+    surface = patches_of(points, SETTINGS)
     assert surface.thickness == pytest.approx(surface.roughness * surface.spacing)
     if noise < 1:
         assert surface.roughness == pytest.approx((8 / 11) ** 0.5 * noise, rel=0.2)  # planes fit three of eleven points
@@ -88,7 +88,7 @@ def test_areas_count_the_own_sheet_only() -> None:
     points, normals = sheet.points.numpy(), sheet.normals.numpy()
     wall = np.concatenate((points, 0.999 * points))
     both = np.concatenate((normals, -normals))
-    surface = surface_of(wall, SETTINGS)
+    surface = patches_of(wall, SETTINGS)
     assert surface.areas().sum() == pytest.approx(sheet.area, rel=0.15)
     assert surface.areas(both).sum() == pytest.approx(2 * sheet.area, rel=0.15)
 
@@ -108,7 +108,7 @@ def test_spacings_are_those_of_discs_one_by_one() -> None:
 
 def test_points_of_which_most_coincide_have_no_spacing() -> None:
     with pytest.raises(InputError, match="zero"):
-        surface_of(np.concatenate((np.zeros((90, 3)), np.eye(3))), SETTINGS)
+        patches_of(np.concatenate((np.zeros((90, 3)), np.eye(3))), SETTINGS)
 
 
 def noisy_sphere() -> tuple[Floats, Floats]:

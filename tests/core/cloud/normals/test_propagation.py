@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from topokit.core.cloud.normals import propagation
 from topokit.core.cloud.normals.creases import find_faces
 from topokit.core.cloud.normals.patch_graph import relative_signs
-from topokit.core.cloud.normals.patches import Surface, surface_of
+from topokit.core.cloud.normals.patches import Patches, patches_of
 from topokit.core.cloud.normals.propagation import Propagation, propagate_signs
 from topokit.core.cloud.settings import CreaseSettings, PatchSettings, SignSettings
 from topokit.testing import sphere_samples, torus_samples
@@ -34,12 +34,12 @@ def plate(n_points: int, thickness: float) -> tuple[Floats, Floats]:
     return points - sides / 2, normals
 
 
-def around(points: Floats) -> Surface:
-    return surface_of(points, PatchSettings())
+def around(points: Floats) -> Patches:
+    return patches_of(points, PatchSettings())
 
 
 def signed(
-    surface: Surface, axes: Floats | None = None, *, by_vote: bool = True, settings: SignSettings | None = None
+    surface: Patches, axes: Floats | None = None, *, by_vote: bool = True, settings: SignSettings | None = None
 ) -> Propagation:
     axes = surface.planes.axes if axes is None else axes
     return propagate_signs(

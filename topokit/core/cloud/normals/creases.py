@@ -1,7 +1,7 @@
 """Planes that lie on a single face, where a point's own neighborhood mixes two.
 
-Near a crease the plane of the nearest points is that of no face. Of the planes around there is one that its own points
-and this one lie on, and so its axis is that of the point's face.
+Near a crease the plane of the nearest points is that of no face. One of the planes around fits both its own points and
+this one, so its axis is that of the point's face.
 
 Reference:
     J. Cao, H. Chen, J. Zhang, Y. Li, X. Liu, C. Zou, "Normal estimation via shifted neighborhood for point cloud",
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.arrays import Booleans, Floats, Integers
-from topokit.core.cloud.normals.patches import Planes, Surface, in_blocks, turned_towards
+from topokit.core.cloud.normals.patches import Patches, Planes, in_blocks, turned_towards
 from topokit.core.cloud.settings import CreaseSettings
 
 
@@ -42,15 +42,15 @@ class Faces:
         return np.where(self.is_replaced[:, None], turned_towards(self.axes, normals[self.owner]), normals)
 
 
-def find_faces(surface: Surface, settings: CreaseSettings) -> Faces:
+def find_faces(patches: Patches, settings: CreaseSettings) -> Faces:
     """The faces at points near creases; none if neighborhoods are so thick that noise would pass for creases."""
-    points, wide, own = surface.points, surface.planes, np.arange(len(surface.points))
+    points, wide, own = patches.points, patches.planes, np.arange(len(patches.points))
     if np.median(wide.thickness / np.maximum(wide.sizes, 1e-300)) > settings.flat:
         return Faces(np.zeros(len(points), dtype=bool), wide.axes, own, show=False)
-    narrow = _narrow_planes(points, surface.neighbors, settings)
+    narrow = _narrow_planes(points, patches.neighbors, settings)
     owner, misfit = own, narrow.misfit(points, own)
     for _ in range(settings.rounds):
-        owner, misfit = _adopted(points, narrow, surface.neighbors, owner, misfit)
+        owner, misfit = _adopted(points, narrow, patches.neighbors, owner, misfit)
     is_better = misfit < settings.flatter * wide.misfit(points, own)
     return Faces(is_better, narrow.axes[owner], np.where(is_better, owner, own), show=True)
 

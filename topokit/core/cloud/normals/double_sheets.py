@@ -15,32 +15,32 @@ from __future__ import annotations
 import numpy as np
 
 from topokit.core.arrays import Floats
-from topokit.core.cloud.normals.patches import Surface
+from topokit.core.cloud.normals.patches import Patches
 from topokit.core.cloud.settings import DoubleSettings
 
 _TINY = 1e-300  # keeps quotients of lengths finite
 _RIDGE = 1e-9  # of the normal equations, in units of the patch: neighbors may lie on a line
 
 
-def double_share(surface: Surface, normals: Floats, probes: int, settings: DoubleSettings) -> float:
+def double_share(patches: Patches, normals: Floats, probes: int, settings: DoubleSettings) -> float:
     """Share of the neighborhoods, from 0 to 1, whose points look like two sheets although their normals agree.
 
     Args:
-        surface: neighborhoods of N points, which are in the order of a curve.
+        patches: neighborhoods of N points, which are in the order of a curve.
         normals: (N, 3), unit, outward.
         probes: number of neighborhoods, at most.
         settings: of the test.
     """
     at = np.arange(0, len(normals), -(-len(normals) // probes))
-    distance, index = surface.tree.query(surface.points[at], min(settings.neighbors, len(normals)))
-    agree = (np.einsum("nka,na->nk", normals[index], normals[at]) > surface.settings.refit_cosine).astype(np.float64)
+    distance, index = patches.tree.query(patches.points[at], min(settings.neighbors, len(normals)))
+    agree = (np.einsum("nka,na->nk", normals[index], normals[at]) > patches.settings.refit_cosine).astype(np.float64)
     count = agree.sum(1)
     enough = count >= settings.neighbors / 2
     agree, count = agree[enough], count[enough]
-    height = _heights(surface.points[index[enough]], agree)
+    height = _heights(patches.points[index[enough]], agree)
     squared = (agree * height**2).sum(1) / count
     kurtosis = (agree * height**4).sum(1) / count / np.maximum(squared**2, _TINY) - 3
-    disc = np.pi * distance[enough, surface.settings.graph] ** 2 / surface.settings.graph
+    disc = np.pi * distance[enough, patches.settings.graph] ** 2 / patches.settings.graph
     is_double = (squared > settings.thick**2 * disc) & (kurtosis < -settings.two_peaks)
     return float(is_double.sum() / len(at))
 

@@ -71,7 +71,7 @@ def plane_axes(patches: Floats) -> tuple[Floats, Floats]:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Patches:
     """The neighborhoods of all N points of a cloud.
 
     Attributes:
@@ -150,7 +150,7 @@ class Surface:
         return self.thickness / self.spacing
 
 
-def surface_of(points: Floats, settings: PatchSettings) -> Surface:
+def patches_of(points: Floats, settings: PatchSettings) -> Patches:
     """The neighborhoods of all points; blocks of points on all processors, so memory is bounded.
 
     Args:
@@ -172,7 +172,7 @@ def surface_of(points: Floats, settings: PatchSettings) -> Surface:
         planes.fit(rows, points.take(index, axis=0))
 
     in_blocks(measure, count)
-    found = Surface(tree, around, planes, settings)
+    found = Patches(tree, around, planes, settings)
     if not found.spacing > 0:
         raise InputError("most points coincide with others, so the sample spacing is zero: merge equal points first.")
     return found

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.normals.patches import surface_of
+from topokit.core.cloud.normals.patches import patches_of
 from topokit.core.cloud.sampling.copies import distinct
 from topokit.core.cloud.sampling.downsampling import Criterion, downsample
 from topokit.core.cloud.settings import PatchSettings
@@ -55,7 +55,7 @@ def fewer_samples(samples: SurfaceSamples, n_samples: int, by: Criterion) -> Sur
 
 def _directions(places: Floats, owner: Integers, samples: SurfaceSamples, by: Criterion) -> tuple[Floats | None, float]:
     """Unit normals (N, 3) for the criterion, or None, and the noise; from places (M, 3) and the place (N,) of each."""
-    surface = surface_of(places, PatchSettings())
+    surface = patches_of(places, PatchSettings())
     known = samples.known_normals()
     if known is not None and (samples.oriented or by == "curvature"):
         directions = torch.nn.functional.normalize(known.detach().double(), dim=-1).cpu().numpy()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from topokit.core.arrays import Floats
-from topokit.core.cloud.given import Signs
+from topokit.core.cloud.given_normals import Signs
 from topokit.core.cloud.solid.surface import CutSurface
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading
@@ -65,7 +65,7 @@ class Witness:
     surface: CutSurface | None
     preparation: Preparation = "whole"
     wire: WireReading | None = None
-    is_widened: bool = False
-    is_repeated: bool = False
+    is_shifted: bool = False
+    is_smoothed: bool = False
     rounding: float = 0.0
     lids: tuple[UncoveredPatch, ...] = ()

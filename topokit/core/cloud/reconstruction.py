@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.given import Signs, compared_signs, consistent_signs
+from topokit.core.cloud.given_normals import Signs, compared_signs, consistent_signs
 from topokit.core.cloud.normals.creases import find_faces
-from topokit.core.cloud.normals.patches import Surface, turned_towards
+from topokit.core.cloud.normals.patches import Patches, turned_towards
 from topokit.core.cloud.normals.propagation import propagate_signs
 from topokit.core.cloud.orientation import Orientation, orient_samples
 from topokit.core.cloud.samples import Sampler
@@ -45,12 +45,12 @@ class Cloud:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Reconstruction:
     """What one reconstruction found.
 
     Attributes:
         cloud: points with outward normals, and the samples among them.
-        surface: neighborhoods of the points.
+        patches: neighborhoods of the points.
         signs: where the outward directions came from.
         found: the orientation; None if the given signs are used.
         votes: of every setting.
@@ -63,16 +63,16 @@ class Look:
     """
 
     cloud: OrientedCloud
-    surface: Surface
+    patches: Patches
     signs: Signs
     found: Orientation | None
     votes: tuple[Vote, ...]
     cut: Cut
     quality: SampleQuality
-    turned: float
+    oriented_at: float
     settings: CloudSettings
-    is_widened: bool = False
-    is_repeated: bool = False
+    is_shifted: bool = False
+    is_smoothed: bool = False
 
     @property
     def has_given_signs(self) -> bool:
@@ -100,7 +100,7 @@ class Look:
         """
         local, own = self.cloud.local, self.settings.quality
         blur = (self._feature - own.feature) * local.spacing
-        return own.feature * max(local.finest, self.surface.coarsest) + blur
+        return own.feature * max(local.finest, self.patches.coarsest) + blur
 
     @property
     def _feature(self) -> float:
@@ -109,44 +109,44 @@ class Look:
         return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0)
 
 
-def look_at(cloud: Cloud, surface: Surface, settings: CloudSettings) -> Look:
+def reconstruct(cloud: Cloud, patches: Patches, settings: CloudSettings) -> Reconstruction:
     """Reconstruct the surface of a cloud.
 
     Args:
         cloud: with more than ten points.
-        surface: neighborhoods of its points.
+        patches: neighborhoods of its points.
         settings: see there.
     """
     begin("signs")
-    oriented, signs, found = _oriented(cloud, surface, settings)
-    turned = time.perf_counter()
+    oriented, signs, found = _oriented(cloud, patches, settings)
+    oriented_at = time.perf_counter()
     begin("counting")
     votes, cut = gather_votes(oriented, settings)
-    quality = sample_quality(oriented, surface, cut, settings)
-    return Look(oriented, surface, signs, found, votes, cut, quality, turned, settings)
+    quality = sample_quality(oriented, patches, cut, settings)
+    return Reconstruction(oriented, patches, signs, found, votes, cut, quality, oriented_at, settings)
 
 
 def _oriented(
-    cloud: Cloud, surface: Surface, settings: CloudSettings
+    cloud: Cloud, patches: Patches, settings: CloudSettings
 ) -> tuple[OrientedCloud, Signs, Orientation | None]:
     """The cloud with outward normals, where their signs came from, and the orientation if one had to be found."""
     points, given = cloud.points, cloud.normals
     if given is not None and cloud.oriented:
-        own = surface.areas(given)
-        consistent = consistent_signs(points, given, own, surface.spacing, settings.given)
+        own = patches.areas(given)
+        consistent = consistent_signs(points, given, own, patches.spacing, settings.given)
         outward = None if consistent is None else consistent.apply(given)
         if consistent is not None and outward is not None:
-            sampler = Sampler(points, outward, surface.areas(), surface.thickness, settings)
+            sampler = Sampler(points, outward, patches.areas(), patches.thickness, settings)
             samples = sampler.samples()
             local, complex_ = complex_of(points[samples.kept], settings)
             return OrientedCloud(points, outward, own, sampler, samples, local, complex_), consistent, None
-    faces, areas = find_faces(surface, settings.creases), surface.areas()
-    axes = faces.sharpened(surface.planes.axes) if given is None else given
+    faces, areas = find_faces(patches, settings.creases), patches.areas()
+    axes = faces.sharpened(patches.planes.axes) if given is None else given
     carried = None
     is_whole = len(points) <= settings.sampling.whole
-    if surface.roughness <= (settings.signs.smooth_roughness if is_whole else settings.signs.dense_roughness):
-        carried = propagate_signs(points, axes, areas, surface.neighbors, by_vote=faces.show, settings=settings.signs)
-    sampler = Sampler(points, None if carried is None else carried.normals, areas, surface.thickness, settings)
+    if patches.roughness <= (settings.signs.smooth_roughness if is_whole else settings.signs.dense_roughness):
+        carried = propagate_signs(points, axes, areas, patches.neighbors, by_vote=faces.show, settings=settings.signs)
+    sampler = Sampler(points, None if carried is None else carried.normals, areas, patches.thickness, settings)
     samples = sampler.samples(given, carried, faces)
     local, complex_ = complex_of(points[samples.kept], settings)
     begin("orientation")
@@ -158,6 +158,6 @@ def _oriented(
     if outward is None:
         outward = samples.spread(found.normals, axes if carried is None else carried.normals)
         outward = outward if given is None else turned_towards(given, outward)
-    areas = surface.areas(outward)
+    areas = patches.areas(outward)
     used = None if signs.coverage is None else found
     return OrientedCloud(points, outward, areas, sampler, samples, local, complex_), signs, used

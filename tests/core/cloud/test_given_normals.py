@@ -9,8 +9,8 @@ import pytest
 import torch
 from sample_arrays import Cloud, Floats, sphere, torus
 
-from topokit.core.cloud.given import Signs, consistent_signs
-from topokit.core.cloud.normals.patches import surface_of, unit
+from topokit.core.cloud.given_normals import Signs, consistent_signs
+from topokit.core.cloud.normals.patches import patches_of, unit
 from topokit.core.cloud.settings import CloudSettings, GivenSettings, SamplingSettings
 from topokit.core.cloud.witness import global_witness
 
@@ -19,7 +19,7 @@ LARGE = CloudSettings(sampling=SamplingSettings(whole=2500, samples=1500))
 
 
 def signs_of(points: Floats, normals: Floats, settings: GivenSettings = SETTINGS.given) -> Signs | None:
-    surface = surface_of(points, SETTINGS.patches)
+    surface = patches_of(points, SETTINGS.patches)
     return consistent_signs(points, normals, surface.areas(normals), surface.spacing, settings)
 
 

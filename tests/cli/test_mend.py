@@ -51,6 +51,16 @@ def test_a_volume_comes_back_in_its_format(image: Path) -> None:
     assert tk.load(output, label=2).betti().solid == (1, 0, 0)
 
 
+def test_the_page_shows_before_and_after_and_where(image: Path) -> None:
+    output, page = image.with_name("shown.npy"), image.with_name("shown.html")
+    shown = invoke("mend", image, "--label", "2", "-o", output, "--below", "1.5", "--html", page)
+    assert shown.exit_code == 0, shown.stderr
+    text = page.read_text(encoding="utf-8")
+    assert text.count('id="scene-') == 2
+    assert [when in text for when in ("(before)", "(after)")] == [True, True]
+    assert text.count("tunnel filled") == text.count("part dropped") == 2  # in both views
+
+
 def test_the_table_as_json_and_what_is_kept(image: Path) -> None:
     output = image.with_name("kept.npy")
     options = ("--label", "2", "--below", "1.5", "--handles", "keep", "--json")

@@ -124,6 +124,7 @@ def mend(
     parts: Annotated[bool, typer.Option("--parts/--keep-parts", help="Remove narrow parts.")] = True,
     boundaries: Annotated[bool, typer.Option("--boundaries", help="Fill the boundary of a mesh first.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of the table.")] = False,
+    page: Annotated[Path | None, typer.Option("--html", help="Page to write: before and after, in 3D.")] = None,
 ) -> None:
     """Write a shape without tunnels, cavities and parts narrower than a width, and print a table of what was removed.
 
@@ -137,6 +138,8 @@ def mend(
         if made.simplification is None:
             raise AssertionError(f"{made.name}: nothing says what was removed")
         say(f"{output} was written.")
+        if page is not None:
+            made.save_html(page, before=shape)
         return json_text(made.simplification.to_dict(), indent=2) if as_json else made.simplification.text()
 
     if not output.parent.is_dir():

@@ -13,6 +13,7 @@ from topokit.core.arrays import Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.scaling import at_moderate_size
 from topokit.core.local.curvature import Curvature
+from topokit.core.removal import Removal
 from topokit.export.colors import curvature_of_one, interpolate
 
 if TYPE_CHECKING:
@@ -105,6 +106,14 @@ def marks_of(location: Location | None, most: int | None = MOST_MARKS) -> tuple[
         step = 1 if most is None else -(-len(defect.points) // _MOST_POINTS)
         marks.append(Mark("defect", defect.kind, defect.points[::step], "dots"))
     return tuple(marks)
+
+
+def removal_marks(removals: Sequence[Removal]) -> tuple[Mark, ...]:
+    """The places where narrow features were removed, narrowest first."""
+    return tuple(
+        Mark("defect", f"{one.kind} {one.how}, {one.width:.3g} wide", np.array([one.place]), "dots")
+        for one in removals[:MOST_MARKS]
+    )
 
 
 def scene_of(shape: Shape, marks: tuple[Mark, ...] = (), *, max_faces: int, max_points: int) -> Scene:

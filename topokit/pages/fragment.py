@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from topokit.core.arrays import Floats
+from topokit.core.removal import Removal
 from topokit.errors import TopokitError
 from topokit.export.picture import picture_of
-from topokit.export.scene import Mark, Scene, marks_of, scene_of
+from topokit.export.scene import Mark, Scene, marks_of, removal_marks, scene_of
 from topokit.report.report import TopologyReport, environment, report_html
 
 if TYPE_CHECKING:
@@ -62,6 +64,7 @@ def page_of(
     light: bool = False,
     max_faces: int = MAX_FACES,
     max_points: int = MAX_POINTS,
+    removals: Sequence[Removal] | None = None,
 ) -> Fragment:
     """The part of a page that shows one shape.
 
@@ -71,8 +74,11 @@ def page_of(
         light: whether to leave out the picture and the 3D view, which take most of the time.
         max_faces: a surface with more triangles is simplified for the view, which the page says.
         max_points: of more points, these many are shown.
+        removals: what was removed, or is going to be; by default what the shape says.
     """
-    marks = marks_of(report.location)
+    if removals is None:
+        removals = shape.simplification.removals if shape.simplification else ()
+    marks = (*marks_of(report.location), *removal_marks(removals))
     scene, note = None, "This is a light page, without pictures and 3D views." if light else None
     if not light:
         try:

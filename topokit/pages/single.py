@@ -7,7 +7,7 @@ import html
 import os
 import tempfile
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from topokit.pages.fragment import MAX_FACES, MAX_POINTS, PAGES, page_of, webp
 from topokit.report.report import TopologyReport, environment, report_html, report_styles
 
 if TYPE_CHECKING:
+    from topokit.report.simplification import Simplification
     from topokit.shape import Shape
 
 SIDE = 600  # pixels of a picture
@@ -52,9 +53,15 @@ def picture(shape: Shape, side: int = SIDE, *, eye: Eye = EYE, locate: bool = Fa
     return Image.fromarray(picture_of(scene, side, eye))
 
 
-def save_page(shape: Shape, path: str | os.PathLike[str]) -> None:
-    """Write the page of a shape; see `topokit.Shape.save_html`."""
-    write_html([_entry(shape)], path, title=shape.name)
+def save_page(shape: Shape, path: str | os.PathLike[str], before: Shape | None = None) -> None:
+    """Write the page of a shape, perhaps with what it was made from; see `topokit.Shape.save_html`."""
+    entries = [_entry(shape)]
+    if before is not None:
+        entries = [
+            replace(_entry(one, shape.simplification), name=f"{one.name} ({when})")
+            for one, when in ((before, "before"), (shape, "after"))
+        ]
+    write_html(entries, path, title=shape.name)
 
 
 def show(shape: Shape) -> View | None:
@@ -96,8 +103,10 @@ def shape_html(shape: Shape, known: TopologyReport | None, *, draw: bool) -> str
     )
 
 
-def _entry(shape: Shape) -> Entry:
-    fragment = page_of(shape, shape.report(locate=True), max_faces=_MOST_FACES, max_points=_MOST_POINTS)
+def _entry(shape: Shape, done: Simplification | None = None) -> Entry:
+    removals = None if done is None else done.removals
+    report = shape.report(locate=done is None)  # of thousands of small handles, only the removed ones are of interest
+    fragment = page_of(shape, report, max_faces=_MOST_FACES, max_points=_MOST_POINTS, removals=removals)
     return Entry(shape.name, fragment)
 
 

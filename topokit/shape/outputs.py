@@ -59,11 +59,14 @@ def picture(
     return picture(shape, side, eye=eye, locate=locate)
 
 
-def save_html(shape: Shape, path: str | os.PathLike[str]) -> None:
+def save_html(shape: Shape, path: str | os.PathLike[str], *, before: Shape | None = None) -> None:
     """Write the report with a 3D view as one HTML file that needs nothing else.
+
+    Where narrow features were removed, the view marks the places, and the page lists them.
 
     Args:
         path: file to write, called .html or .htm; it appears when it is complete.
+        before: what the shape was made from, by `simplify` or otherwise: the page shows both.
 
     Raises:
         InputError: if the file is not called .html or .htm, or its folder does not exist; or if the samples are
@@ -71,7 +74,7 @@ def save_html(shape: Shape, path: str | os.PathLike[str]) -> None:
     """
     from topokit.pages.single import save_page
 
-    save_page(shape, path)
+    save_page(shape, path, before)
 
 
 def show(shape: Shape) -> View | None:

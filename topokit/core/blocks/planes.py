@@ -184,7 +184,7 @@ def join_planes(
                 code = before | after << 4
                 n_full = _add_cubes(cube, code, 1, parents, pieces, weights, sums, full, n_full)
                 dual_sum += dual[code]
-            stop = min(stop_0, stop_1, stop_2, stop_3)
+            stop = min(min(stop_0, stop_1), min(stop_2, stop_3))
             n_inside = stop - z - 1
             code = after | after << 4
             if n_inside > 0 and (z == 0 or (code != 0 and code != 255)):
@@ -283,10 +283,12 @@ def _add_cubes(
         place = (node * 31 + around) & (len(sums) - 1)
         if sums[place, 0] != node or sums[place, 1] != around:
             if sums[place, 0] >= 0:
-                full[n_full] = sums[place]
+                for column in range(6):  # rows one number at a time: slices take Numba seconds to compile
+                    full[n_full, column] = sums[place, column]
                 n_full += 1
             sums[place, 0], sums[place, 1] = node, around
-            sums[place, 2:] = 0
+            for column in range(2, 6):
+                sums[place, column] = 0
         for column in range(4):
             sums[place, 2 + column] += n_cubes * weights[piece, column]
     return n_full

@@ -250,7 +250,7 @@ def collect(options: argparse.Namespace) -> None:
             made = clouds.of(kind, options.clouds)
             for name, make in made.items():
                 note(kind, name, make, None)
-            usual = [row for row in rows if row["change"] == "usual" and row["kind"] == kind]
+            usual = [row for row in rows if row["change"] == "usual" and row["kind"] == kind and row["cloud"] in made]
             hardest = sorted(usual, key=lambda row: (row["agreement"], row["cloud"]))[: options.clouds]
             for change in wanted:
                 if kind_of(change.setting) == kind:

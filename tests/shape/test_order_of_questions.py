@@ -83,7 +83,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@settings(max_examples=4, deadline=None, derandomize=True)
+@settings(max_examples=3, deadline=None, derandomize=True)
 @given(questions=st.lists(st.sampled_from(sorted(QUESTIONS)), min_size=2, max_size=7))
 def test_any_order_gives_the_answers_of_fresh_shapes(name: str, questions: list[str]) -> None:
     shape = SHAPES[name]()

@@ -32,8 +32,8 @@ def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
 
 
 def test_nested_and_separate_parts_are_told_apart() -> None:
-    outer, inner = sphere_samples(1600), sphere_samples(800, radius=0.5)
-    torus = torus_samples(1200)
+    outer, inner = sphere_samples(1000), sphere_samples(500, radius=0.5)
+    torus = torus_samples(800)
     points = torch.cat((outer.points, inner.points, torus.points + 4))
     report = tk.from_points(points).report()
     assert (report.euler, report.components, report.cavities, report.genus) == (4, 3, 1, 1)

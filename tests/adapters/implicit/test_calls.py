@@ -36,12 +36,12 @@ class Limited:
 
 def test_no_call_has_more_points_than_the_batch_size_and_no_answer_depends_on_it() -> None:
     one, other = Limited(), Limited()
-    whole, batches = tk.from_sdf(one, **ROUGH), tk.from_sdf(other, batch_size=700, **ROUGH)
+    whole, batches = tk.from_sdf(one, **ROUGH), tk.from_sdf(other, batch_size=7000, **ROUGH)
     expected, found = whole.report(), batches.report()
     assert (found.euler, found.verdict, found.per_component) == (0, "likely", expected.per_component)
     torch.testing.assert_close(batches.samples.points, whole.samples.points)
     torch.testing.assert_close(batches.smoothed_euler(0.1), whole.smoothed_euler(0.1))
-    assert max(other.sizes) == 700 < max(one.sizes)
+    assert max(other.sizes) == 7000 < max(one.sizes)
     assert sum(other.sizes) == sum(one.sizes)
 
 

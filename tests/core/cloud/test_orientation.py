@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -47,15 +48,29 @@ SETTINGS = CloudSettings()
 BY_FIELDS = CloudSettings(signs=SignSettings(smooth_roughness=-1.0))  # no signs are carried
 
 
-def look(points: Floats, settings: CloudSettings = SETTINGS) -> Reconstruction:
+SHAPES = (sphere, torus, nested_spheres, linked_tori, box)
+
+
+@cache
+def look(make: Callable[[], Cloud], settings: CloudSettings = SETTINGS) -> Reconstruction:
+    points = make()[0]
     return reconstruct(Distinct(points, None, oriented=True), patches_of(points, settings.patches), settings)
 
 
-@pytest.mark.parametrize("settings", [SETTINGS, BY_FIELDS], ids=["carried", "fields"])
-@pytest.mark.parametrize("make", [sphere, torus, nested_spheres, linked_tori, box])
+@pytest.mark.parametrize(
+    ("make", "settings"),
+    [
+        *(pytest.param(make, SETTINGS, id=f"{make.__name__}, carried") for make in SHAPES),
+        pytest.param(torus, BY_FIELDS, id="torus, fields"),
+        pytest.param(box, BY_FIELDS, id="box, fields"),
+        *(
+            pytest.param(make, BY_FIELDS, id=f"{make.__name__}, fields", marks=pytest.mark.long)
+            for make in (sphere, nested_spheres, linked_tori)
+        ),
+    ],
+)
 def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud], settings: CloudSettings) -> None:
-    points, normals = make()
-    found = look(points, settings).found
+    normals, found = make()[1], look(make, settings).found
     assert found is not None
     assert ((found.normals * normals).sum(1) > 0).mean() >= 0.99
     np.testing.assert_allclose(np.linalg.norm(found.normals, axis=1), 1)
@@ -66,9 +81,9 @@ def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud], settings: Clo
 
 def test_signs_that_their_solid_contradicts_compete_with_those_of_fields() -> None:
     """All contradict the solid if none may, and then the cheapest solid wins."""
-    points, normals = torus(2000)
+    normals = torus()[1]
     strict = CloudSettings(orientation=OrientationSettings(contradicted=-1.0))
-    carried, found = (look(points, settings).found for settings in (SETTINGS, strict))
+    carried, found = (look(torus, settings).found for settings in (SETTINGS, strict))
     assert carried is not None
     assert found is not None
     assert len(carried.trials) == 1 < len(found.trials)
@@ -78,8 +93,7 @@ def test_signs_that_their_solid_contradicts_compete_with_those_of_fields() -> No
 
 
 def test_candidates_without_hope_are_not_corrected() -> None:
-    points, normals = torus(2000)
-    seen = look(points, BY_FIELDS)
+    normals, seen = torus()[1], look(torus, BY_FIELDS)
     found, complex_, own = seen.found, seen.cloud.complex_, BY_FIELDS.orientation
     assert found is not None
     best = found.corrected(complex_, None, BY_FIELDS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from topokit.core.cloud.retries import clearances
 from topokit.core.cloud.settings import CloudSettings, QualitySettings, SamplingSettings, ShiftSettings
 from topokit.core.cloud.solid.tetrahedra import cut_complex
 from topokit.core.cloud.votes import Vote, values_of
-from topokit.core.cloud.witness import global_witness
+from topokit.core.cloud.witness import Witness, global_witness
 
 Floats = NDArray[np.float64]
 SETTINGS = CloudSettings()
@@ -61,10 +62,8 @@ def test_clearances_of_parallel_sheets() -> None:
         assert (found[far][inner] == 3).all()
 
 
-@pytest.mark.parametrize("thickness", [0.01, pytest.param(0.02, marks=pytest.mark.long)])
-def test_plate_much_thinner_than_the_spacing(thickness: float) -> None:
-    points, normals = plate_with_hole(2_000, thickness)  # spacing 0.06
-    witness = global_witness(torch.from_numpy(points), torch.from_numpy(normals))
+def test_plate_much_thinner_than_the_spacing() -> None:
+    witness = seen_thin_plate()
     assert witness.is_shifted
     assert witness.euler == 0
     assert witness.agreement > 0.8  # of thirteen counts, at most two differ
@@ -77,11 +76,8 @@ def test_samples_without_signs_stay() -> None:
 
 def test_samples_are_shifted_by_the_lengths_of_the_settings() -> None:
     points, normals = plate_with_hole(2_000, 0.01)
-    settings = CloudSettings(shifts=ShiftSettings(lengths=(0.1,)))
-    short, usual = (
-        global_witness(torch.from_numpy(points), torch.from_numpy(normals), settings=one)
-        for one in (settings, SETTINGS)
-    )
+    settings, usual = CloudSettings(shifts=ShiftSettings(lengths=(0.1,))), seen_thin_plate()
+    short = global_witness(torch.from_numpy(points), torch.from_numpy(normals), settings=settings)
     assert short.quality != usual.quality or short.votes != usual.votes
     assert usual.agreement >= short.agreement
 
@@ -173,11 +169,23 @@ def look(points: Floats, normals: Floats | None = None) -> Reconstruction:
     return reconstruct(Cloud(points, normals, oriented=True), patches_of(points, FEW.patches), FEW)
 
 
+@cache
+def seen_torus(*, are_given: bool) -> Reconstruction:
+    """Of 5 000 points, with given normals or with found ones."""
+    points, normals = torus(5_000)
+    return look(points, normals if are_given else None)
+
+
+@cache
+def seen_thin_plate() -> Witness:
+    points, normals = plate_with_hole(2_000, 0.01)  # spacing 0.06
+    return global_witness(torch.from_numpy(points), torch.from_numpy(normals))
+
+
 @pytest.mark.parametrize("are_found", [False, True])
 def test_samples_that_agree_bring_the_votes_of_all_settings(are_found: bool) -> None:
-    points, normals = torus(5_000)
     votes = (*(Vote("cut", k, (2 * k,)) for k in range(3)), Vote("coarse cut", 0, (9,)), Vote("field", 1, (4,)))
-    before = replace(look(points, None if are_found else normals), votes=votes)
+    before = replace(seen_torus(are_given=not are_found), votes=votes)
     assert before.has_given_signs != are_found
     found = retries._with_more_samples(before, FEW)
     assert found is not None
@@ -196,7 +204,7 @@ def test_samples_that_agree_bring_the_votes_of_all_settings(are_found: bool) -> 
 def test_there_are_none_of_few_points_or_where_cuts_differ() -> None:
     points, normals = torus(5_000)
     assert retries._with_more_samples(look(points[:3_999], normals[:3_999]), FEW) is None
-    seen = look(points, normals)
+    seen = seen_torus(are_given=True)
     signs = np.where(np.random.default_rng(1).random(len(points)) < 0.4, -1.0, 1.0)
     wrong = replace(seen, cloud=replace(seen.cloud, normals=normals * signs[:, None]))
     assert retries._with_more_samples(wrong, FEW) is None
@@ -204,8 +212,7 @@ def test_there_are_none_of_few_points_or_where_cuts_differ() -> None:
 
 
 def test_signs_of_empty_spheres_that_would_change_the_integer_refuse_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    points, normals = torus(5_000)
-    given, found = look(points, normals), look(points)
+    given, found = (seen_torus(are_given=are_given) for are_given in (True, False))
 
     def reversed_poles(complex_, outward, cut, weights, rounds):  # type: ignore[no-untyped-def]
         return -outward, cut_complex(complex_, -outward, weights)

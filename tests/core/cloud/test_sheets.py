@@ -57,7 +57,7 @@ def test_copies_and_few_points() -> None:
 
 
 def test_a_strip_that_is_not_orientable_has_no_genus() -> None:
-    report = tk.from_points(moebius(3000)).report()
+    report = tk.from_points(moebius(2000)).report()
     assert (report.euler, report.closed, report.genus, report.boundary_loops) == (0, False, None, 1)
     assert report.verdict == "unsure"
     assert any("union of balls" in reason for reason in report.reasons[: report.n_deciding])

@@ -183,7 +183,9 @@ def test_large_clouds_are_sampled() -> None:
         assert ((torch.from_numpy(found.normals) * normals).sum(1) > 0).double().mean() > 0.99
 
 
-@pytest.mark.parametrize("settings", [CloudSettings(), LARGE], ids=["whole", "sampled"])
+@pytest.mark.parametrize(
+    "settings", [pytest.param(CloudSettings(), marks=pytest.mark.long), LARGE], ids=["whole", "sampled"]
+)
 def test_the_order_of_the_points_does_not_matter(settings: CloudSettings) -> None:
     points, _ = torus(3000)
     order = torch.randperm(3000, generator=torch.Generator().manual_seed(1))
@@ -273,7 +275,7 @@ def test_ill_fitting_normals_are_refused() -> None:
         global_witness(points, normals * torch.nan)
 
 
-@pytest.mark.parametrize("shift", [1 / 12, 1 / 6, 1 / 4])
+@pytest.mark.parametrize("shift", [*(pytest.param(one, marks=pytest.mark.long) for one in (1 / 12, 1 / 6)), 1 / 4])
 def test_two_scans_of_one_surface_are_one_surface(shift: float) -> None:
     """The second one is moved by a part of the sample spacing, as after a registration."""
     known = torus_samples(3000, generator=torch.Generator().manual_seed(0))

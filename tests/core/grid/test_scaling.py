@@ -17,7 +17,7 @@ def box(scale: float) -> np.ndarray:
     return values * scale
 
 
-@pytest.mark.parametrize("exponent", [-1060, -1000, -3, 90, 400, 1022])
+@pytest.mark.parametrize("exponent", [-1060, -1000, 90, 1022])
 def test_answers_do_not_depend_on_the_size_of_values(exponent: int) -> None:
     usual, scaled = (tk.from_voxels(np.ldexp(box(1.0), power), level=0.0) for power in (0, exponent))
     assert scaled.report().euler == 2

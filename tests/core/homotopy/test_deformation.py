@@ -32,7 +32,7 @@ def blobs(seed: int, n: int = 14) -> np.ndarray:
 
 
 @given(pairs, st.sampled_from(CONNECTIVITIES))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_betti_numbers_are_kept_and_no_simple_voxel_differs(
     pair: tuple[np.ndarray, np.ndarray], connectivity: int | None
 ) -> None:

@@ -138,6 +138,7 @@ def test_only_the_two_connectivities() -> None:
     assert is_simple(np.zeros(0, dtype=np.int32)).shape == (0,)
 
 
+@pytest.mark.long
 def test_number_of_simple_neighborhoods_is_the_known_one() -> None:
     """25,985,144 of all 2^26, as in the literature; mirror images are counted together."""
     middle = np.arange(1 << 8, dtype=np.int32)

@@ -44,7 +44,7 @@ def assert_same(one: Cells, other: Cells) -> None:
         assert (one.normals == other.normals).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(clouds(), st.data())
 def test_a_summary_does_not_depend_on_splits_or_order(points: Floats, data: st.DataObject) -> None:
     most = data.draw(st.integers(1, 200))

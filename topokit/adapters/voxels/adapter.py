@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from numbers import Integral
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
 from topokit.adapters.voxels.stored import not_a_volume, volume_axes
 from topokit.adapters.voxels.stored_files import stored_volume
-from topokit.core.blocks.whole import count_solid
+from topokit.core.blocks.whole import CountedVolume, count_solid
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.boxes import Periodic
@@ -167,19 +167,32 @@ def shape_in_memory(
         box: what there is at its ends; background if None.
     """
     box = Box() if box is None else box
-    grid = placement.grid(values.shape, first)
     seen = solid.seen(values)
     notes = solid.check(seen)
     level = solid.level
     if level is None:
         level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
-    field = VoxelField(values, level, solid.labels, grid, solid.connectivity)
-    n_samples, seed, starts, n_neighbors = sampling
+    field = VoxelField(values, level, solid.labels, placement.grid(values.shape, first), solid.connectivity)
     if box.is_periodic:
         return periodic_shape(name, field, placement, box, notes)
+
+    def count() -> CountedAnswer:
+        answer = counted_answer(
+            lambda: count_solid(field.volume, field.is_inside, field.connectivity, field.grid), field, placement
+        )
+        return cut_out_answer(answer, field) if box.edges == "cut-out" else answer
+
+    return sampled_shape(name, field, count, sampling, notes)
+
+
+def sampled_shape(
+    name: str, field: VoxelField, count: Callable[[], CountedAnswer], sampling: Sampling, notes: tuple[str, ...]
+) -> Shape:
+    """The shape of a volume in memory, given how it is counted and sentences about its values."""
+    n_samples, seed, starts, n_neighbors = sampling
     return Shape(
-        lambda: volume_samples(field.values(), grid, n_samples, torch.Generator().manual_seed(seed), starts),
-        lambda: _count(field, placement, box),
+        lambda: volume_samples(field.values(), field.grid, n_samples, torch.Generator().manual_seed(seed), starts),
+        count,
         surface=field.surface,
         field=field,
         name=name,
@@ -188,11 +201,11 @@ def shape_in_memory(
     )
 
 
-def _count(field: VoxelField, placement: Placement, box: Box) -> CountedAnswer:
+def counted_answer(count: Callable[[], CountedVolume], field: VoxelField, placement: Placement) -> CountedAnswer:
+    """The answer of a count, with the time that it takes."""
     started = time.perf_counter()
-    counted = count_solid(field.volume, field.is_inside, field.connectivity, field.grid)
-    answer = volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
-    return cut_out_answer(answer, field) if box.edges == "cut-out" else answer
+    counted = count()
+    return volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
 
 
 def open_volume(

@@ -126,10 +126,14 @@ class Solid:
             wanted = f"equals the label {listed(self.labels)}" if self.labels else above
             raise InputError(f"no voxel {wanted}: the volume's values go from {seen.low:g} to {seen.high:g}.")
         if self.labels:
-            absent = tuple(label for label in self.labels if label not in seen.labels)
-            lacking = (f"No voxel has the label {listed(absent)}.",) if absent else ()
-            return (f"The solid is the voxels with label {listed(self.labels)}.", *lacking)
+            return self.notes(seen.labels)
         return (f"NaN counts as background, in {plural(seen.n_nan, 'voxel')}.",) if seen.n_nan else ()
+
+    def notes(self, found: frozenset[float]) -> tuple[str, ...]:
+        """Sentences about the labels, of which some were found."""
+        absent = tuple(label for label in self.labels if label not in found)
+        lacking = (f"No voxel has the label {listed(absent)}.",) if absent else ()
+        return (f"The solid is the voxels with label {listed(self.labels)}.", *lacking)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ Labels = NDArray[np.int32]
 NODE_COLUMNS = ("size", "first", "low x", "low y", "low z", "high x", "high y", "high z")
 """Of a region: number of voxels, flat index of the first one in the volume, and the box (first and last + 1)."""
 
-_PLACES = 1 << 12  # pairs of regions whose sums are kept at hand while voxels are counted
+PLACES = 1 << 12  # pairs of regions whose sums are kept at hand while voxels are counted
 _MOST_FULL = (
     1 << 17
 )  # cubes between two planes that are joined at once: bounds the memory for sums that lose their place
@@ -183,7 +183,7 @@ class _Forest:
         self._nodes = np.empty((0, len(NODE_COLUMNS)), np.int64)
         self._is_six = np.empty(0, bool)
         self._n_nodes = 0
-        self._sums = np.full((_PLACES, 6), -1, np.int64)
+        self._sums = np.full((PLACES, 6), -1, np.int64)
         self._full = np.empty((0, 6), np.int64)
         self._walls: list[Integers] = []
         self._dual = 0
@@ -258,7 +258,7 @@ def _renumbered(part: Part, numbers: Integers | Labels) -> Part:
     faces = tuple(Faces(*(signed[labels + len(numbers)] for labels in ends)) for ends in part.faces)
     walls = part.walls.copy()
     walls[:, :2] = numbers[part.walls[:, :2]]
-    return replace(part, walls=_summed(walls), faces=faces)
+    return replace(part, walls=summed_walls(walls), faces=faces)
 
 
 def _signed(numbers: Integers | Labels) -> Labels:
@@ -266,7 +266,7 @@ def _signed(numbers: Integers | Labels) -> Labels:
     return np.concatenate((-1 - numbers[::-1], (0,), numbers + 1)).astype(np.int32)
 
 
-def _summed(walls: Integers) -> Integers:
+def summed_walls(walls: Integers) -> Integers:
     """One row for each pair of regions."""
     if not len(walls):
         return walls

@@ -260,6 +260,32 @@ def number_roots(parents: Labels, numbers: Labels) -> int:
 
 
 @compiled
+def hang_leaves(first: Integers, second: Integers, parent: Integers) -> None:
+    """Write the parent of every node of a tree with root 0, leaf by leaf; a node on a cycle gets none.
+
+    Args:
+        first: (E,) one end of each edge.
+        second: (E,) the other one.
+        parent: (N,), where they are written.
+    """
+    n_edges, others = np.zeros(len(parent), np.int64), np.zeros(len(parent), np.int64)  # neighbors, as their xor
+    for edge in range(len(first)):
+        a, b = first[edge], second[edge]
+        n_edges[a] += 1
+        n_edges[b] += 1
+        others[a] ^= b
+        others[b] ^= a
+    for node in range(1, len(parent)):
+        while node != 0 and n_edges[node] == 1:
+            above = others[node]
+            parent[node] = above
+            n_edges[node] = 0
+            n_edges[above] -= 1
+            others[above] ^= node
+            node = above
+
+
+@compiled
 def _add_cubes(
     cube: Labels,
     code: int,

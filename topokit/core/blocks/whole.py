@@ -16,13 +16,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order
 from torch import Tensor
 
 from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.part import Part, count_box, join_parts
+from topokit.core.blocks.planes import hang_leaves
 from topokit.core.components import CountedComponents, genus_of
 from topokit.core.grid.grid import Grid
 
@@ -105,12 +104,12 @@ def counted_volume(part: Part, connectivity: int, grid: Grid) -> CountedVolume:
 
 def _parents(n_nodes: int, first: Integers, second: Integers) -> Integers:
     """The parent of every node of the adjacency tree, which is given by its edges; −1 for node 0, the outside."""
-    edges = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(n_nodes, n_nodes))
-    found, parent = breadth_first_order(edges.tocsr(), 0, directed=False)
-    if not len(found) == n_nodes == len(first) + 1:
-        raise AssertionError(f"{n_nodes} regions with {len(first)} walls, {len(found)} of them joined, are no tree")
-    parent = parent.astype(np.int64)
-    parent[0] = -1
+    parent = np.full(n_nodes, -1)
+    hang_leaves(first, second, parent)
+    if not (parent >= 0).sum() == n_nodes - 1 == len(first):
+        raise AssertionError(
+            f"{n_nodes} regions with {len(first)} walls, {(parent >= 0).sum()} of them joined: no tree"
+        )
     return parent
 
 

@@ -37,8 +37,7 @@ def label_boxes(labels: Tensor) -> dict[int, Box]:
 
 def tight_boxes(values: NDArray[Any]) -> dict[int, Box]:
     """The box of every label but 0, without anything around it; arguments and errors as for `label_boxes`."""
-    if values.dtype.kind == "f":
-        values = _as_integers(values)
+    values = whole_numbers(values)
     names, index = None, values
     if values.size and (values.min() < 0 or values.max() > _MOST_DIRECT):
         names, index = np.unique(values, return_inverse=True)
@@ -50,11 +49,18 @@ def tight_boxes(values: NDArray[Any]) -> dict[int, Box]:
 
 def joined_boxes(one: dict[int, Box], other: dict[int, Box]) -> dict[int, Box]:
     """The boxes of the labels of two parts of a volume."""
-    both = {label: _around(one[label], other[label]) for label in one.keys() & other.keys()}
+    both = {label: around(one[label], other[label]) for label in one.keys() & other.keys()}
     return one | other | both
 
 
-def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
+def whole_numbers(values: NDArray[Any]) -> NDArray[Any]:
+    """The values of labels, those of a floating type as integers; NaN becomes 0.
+
+    Raises:
+        InputError: if a value is not a whole number.
+    """
+    if values.dtype.kind != "f":
+        return values
     whole = np.where(np.isnan(values), 0, values)
     if not (np.isfinite(whole).all() and (whole == np.rint(whole)).all()):
         raise InputError(
@@ -64,7 +70,8 @@ def _as_integers(values: NDArray[Any]) -> NDArray[np.int64]:
     return whole.astype(np.int64)
 
 
-def _around(one: Box, other: Box) -> Box:
+def around(one: Box, other: Box) -> Box:
+    """The box around two boxes."""
     x, y, z = (slice(min(a.start, b.start), max(a.stop, b.stop)) for a, b in zip(one, other, strict=True))
     return x, y, z
 

@@ -80,6 +80,9 @@ def clean(
     file: Annotated[str, typer.Argument(help="Splats (.ply, .splat or .spz).", metavar="FILE")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write, in the same format.")],
     given: Given,
+    page: Annotated[
+        Path | None, typer.Option("--html", help="Page to write: what is kept and what is not, in two colors.")
+    ] = None,
 ) -> None:
     """Write the splats that are kept, as they are in the file: with --object only the object in the middle.
 
@@ -92,6 +95,7 @@ def clean(
         from topokit.plugins.registry import adapter_for
 
         adapter, options = adapter_for(source.path, opener.adapter), opener(source.path)[1]
+        options |= {} if page is None else {"page": page}
         if adapter.write_kept is None:
             raise InputError(f"{source.path}: adapter {adapter.name!r} keeps all of a file, so nothing is written.")
         if unknown := options.keys() - (options_of(adapter, "write_kept") or options).keys():

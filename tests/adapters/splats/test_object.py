@@ -136,8 +136,12 @@ def test_what_cannot_be_taken_apart_is_refused(tmp_path: Path) -> None:
 def test_the_command_writes_the_object_and_reports_it(tmp_path: Path) -> None:
     path, target = tmp_path / "room.ply", tmp_path / "object.ply"
     write_ply(path, room())
-    done = CliRunner().invoke(app, ["clean", str(path), "--object", "-o", str(target)])
+    page = tmp_path / "object.html"
+    done = CliRunner().invoke(app, ["clean", str(path), "--object", "-o", str(target), "--html", str(page)])
     assert done.exit_code == 0, done.output
+    text = page.read_text(encoding="utf-8")
+    assert "splats lie on or behind a plane" in text
+    assert text.count('id="scene-') == 1
     assert "splats lie on or behind a plane" in done.stderr
     n_kept = len(tk.GaussianSplats.from_file(target))
     assert 0.85 * N_OBJECT < n_kept < N_OBJECT

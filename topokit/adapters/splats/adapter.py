@@ -110,6 +110,7 @@ def write_kept(
     min_opacity: float | None = 0.1,
     max_size_ratio: float | None = 10.0,
     min_cluster_share: float | None = 0.01,
+    page: str | os.PathLike[str] | None = None,
 ) -> tuple[str, ...]:
     """Write the splats of a file that `from_splats` keeps, but for those that have no normal, in its format.
 
@@ -122,6 +123,7 @@ def write_kept(
         min_opacity: limit of haze.
         max_size_ratio: limit of background.
         min_cluster_share: limit of floaters.
+        page: an HTML file to write, too; see `Kept.save_html`.
 
     Returns:
         A sentence for everything that was dropped, with its count, and one for what was kept.
@@ -130,6 +132,8 @@ def write_kept(
     chosen, cuts = _steps(object, component, surroundings)
     kept = clean(scene, Limits(min_opacity, max_size_ratio, None, min_cluster_share, chosen, cuts))
     kept.save(target, like=source)
+    if page is not None:
+        kept.save_html(page, scene)
     return *kept.notes, f"{len(kept)} of {len(scene)} splats were kept."
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from topokit.adapters.splats.clusters import Component, choose_clusters, small_clusters
 from topokit.adapters.splats.formats.rows import copy_rows
-from topokit.adapters.splats.geometry import disc_areas, disc_weights, thickness
+from topokit.adapters.splats.geometry import disc_areas, disc_weights, rotation_matrices, thickness
 from topokit.adapters.splats.surroundings import Plane, surrounding_planes
 from topokit.errors import InputError, Option
 
@@ -83,6 +83,31 @@ class Kept:
             UnknownFormatError: if the splats of the file cannot be taken apart without loss.
         """
         copy_rows(like, self.rows.cpu().numpy(), target)
+
+    def save_html(self, path: str | os.PathLike[str], scene: GaussianSplats) -> None:
+        """Write a page with the scene in 3D, kept splats and removed ones in two colors, and what each step did.
+
+        Args:
+            path: file to write, called .html or .htm.
+            scene: the splats that these were chosen from; of rows that are not finite nothing is drawn.
+
+        Raises:
+            InputError: if the file is called otherwise, or its folder does not exist.
+        """
+        from topokit.pages.kept import save_kept_page
+
+        is_kept = torch.zeros(len(scene), dtype=torch.bool)
+        is_kept[self.rows.cpu()] = True
+        finite = scene.means.detach().isfinite().all(1) & scene.scales.detach().isfinite().all(1)
+        finite &= scene.quaternions.detach().isfinite().all(1)
+        drawn = scene[finite]
+        thinnest = drawn.scales.argmin(1)[:, None, None].expand(-1, 3, 1)
+        rotations = rotation_matrices(torch.nn.functional.normalize(drawn.quaternions, dim=1))
+        axes = rotations.gather(2, thinnest)[..., 0].detach()
+        notes = (*self.notes, f"{len(self)} of {len(scene)} splats were kept.")
+        columns = (drawn.means.detach(), axes)
+        positions, normals = (part.cpu().double().numpy() for part in columns)
+        save_kept_page(path, "splats", positions, normals, is_kept[finite.cpu()].numpy(), notes)
 
     def chosen(self, mask: Tensor, *notes: str) -> Kept:
         """Those of a mask (M,), with more notes."""

@@ -4,10 +4,10 @@
     python benchmarks/sensitivity.py --table sensitivity.jsonl > docs/sensitivity.csv
 
 DATA holds index.json and the closed meshes that it names. The clouds of most settings are 10 000 random points of these
-meshes without normals, clean and with 0.5 % noise: those on whose Euler characteristic the votes agree least at the
-usual settings, so those that a change can tip. Other settings are tried on what they are for: given normals, large
-clouds, wires, open surfaces, stray points. Shares near one are moved to and from one: 0.996 becomes 0.998 and 0.992.
-Whole numbers stay whole. `--out` is continued if it exists.
+meshes without normals, clean and with 0.5 % noise, of every second mesh: those on whose Euler characteristic the votes
+agree least at the usual settings, so those that a change can tip. Other settings are tried on what they are for: given
+normals, large clouds, wires, open surfaces, stray points. Shares near one are moved to and from one: 0.996 becomes
+0.998 and 0.992. Whole numbers stay whole. `--out` is continued if it exists.
 """
 
 from __future__ import annotations
@@ -85,11 +85,12 @@ class Clouds:
         self.names = sorted(self.rows)
 
     def of(self, kind: str, count: int) -> dict[str, Callable[[], Cloud]]:
-        """Functions that make the clouds of a kind, by name; all of the hard ones' candidates."""
+        """Functions that make the clouds of a kind, by name; of the hard ones those that are to be compared."""
         some = self.names[:: max(1, len(self.names) // count)][:count]
         if kind == "hard":
             noises = (0.0, NOISE)
-            return {f"{name} {noise:g}": self._maker(name, N_POINTS, noise) for name in self.names for noise in noises}
+            pairs = [(name, noise) for name in self.names[::2] for noise in noises]
+            return {f"{name} {noise:g}": self._maker(name, N_POINTS, noise) for name, noise in pairs}
         if kind == "given":
             return {name: self._maker(name, N_POINTS, 0.0, flipped=FLIPPED * (k % 2)) for k, name in enumerate(some)}
         if kind == "large":

@@ -5,6 +5,7 @@ python docs/make_thresholds.py
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import inspect
 import re
@@ -15,6 +16,7 @@ from topokit.core.cloud.settings import CloudSettings, OutlierSettings
 from topokit.report import confidence, verdict
 
 PAGE = Path(__file__).with_name("thresholds.md")
+SENSITIVITY = Path(__file__).with_name("sensitivity.csv")
 RULES: tuple[tuple[str, Callable[..., object]], ...] = (
     ("meshes", verdict.mesh_verdict),
     ("volumes", verdict.volume_verdict),
@@ -36,6 +38,11 @@ SETTINGS = """
 The numbers of the reconstruction, in
 [topokit/core/cloud/settings.py](../topokit/core/cloud/settings.py). They are passed down from `global_witness`, never
 changed for all.
+
+The last column says how many more or fewer answers are right if the number is halved and if it is doubled, of how many
+right ones among how many clouds, measured by [benchmarks/sensitivity.py](../benchmarks/sensitivity.py) on clouds whose
+votes agree least, on wires, open surfaces, large clouds, given normals and clouds with stray points. An empty field was
+not measured. [sensitivity.csv](sensitivity.csv) has more columns.
 """
 CONSTANTS = """
 ## Constants of the numerical core
@@ -89,13 +96,25 @@ def cloud_settings() -> Iterator[str]:
     groups = [("outliers", OutlierSettings())]
     groups += [(group.name, getattr(CloudSettings(), group.name)) for group in dataclasses.fields(CloudSettings)]
     rows = [(name, group, one) for name, group in groups for one in dataclasses.fields(group)]
-    sources = list(dict.fromkeys(one.metadata["source"] for _, _, one in rows))
-    yield from ("| setting | value | unit | meaning | source |", "|---|---|---|---|---|")
+    sources, tried = list(dict.fromkeys(one.metadata["source"] for _, _, one in rows)), sensitivity()
+    yield from ("| setting | value | unit | meaning | source | half, double |", "|---|---|---|---|---|---|")
     for name, group, one in rows:
         about, value = one.metadata, shown(getattr(group, one.name))
         number = sources.index(about["source"]) + 1
-        yield f"| `{name}.{one.name}` | {value} | {about['unit']} | {about['meaning']} | {number} |"
+        effect = "; ".join(tried.get(f"{name}.{one.name}", []))
+        yield f"| `{name}.{one.name}` | {value} | {about['unit']} | {about['meaning']} | {number} | {effect} |"
     yield from numbered(sources)
+
+
+def sensitivity() -> dict[str, list[str]]:
+    """What halving and doubling each setting changes, as written by `benchmarks/sensitivity.py`."""
+    found: dict[str, list[str]] = {}
+    with SENSITIVITY.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            name, _, part = row["setting"].partition("[")
+            numbers = f"{row['half']}, {row['double']} of {row['right']}/{row['clouds']}".replace("-", "−")
+            found.setdefault(name, []).append(f"{part.rstrip(']')}: {numbers}" if part else numbers)
+    return found
 
 
 def shown(value: object) -> str:

@@ -114,7 +114,7 @@ def test_a_terminal_shows_a_table_and_the_progress(folder: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="processes cannot be sent this signal")
 def test_a_terminated_command_keeps_its_rows_and_ends_its_processes(folder: Path) -> None:
-    command = [*TOPOKIT, "report", *[folder] * 400, "--jsonl", "--jobs", "2"]
+    command = [*TOPOKIT, "report", *[folder] * 40, "--jsonl", "--jobs", "2"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
@@ -130,7 +130,7 @@ def test_a_terminated_command_keeps_its_rows_and_ends_its_processes(folder: Path
 
 
 def test_limits_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
-    (folder / "50.xyz").write_text("\n".join(f"{n % 97} {n % 89} {n % 83}" for n in range(400_000)))
+    (folder / "50.xyz").write_text("\n".join(f"{n % 97} {n % 89} {n % 83}" for n in range(100_000)))
     options = ["report", *(str(folder / name) for name in ("00.ply", "50.xyz", "01.ply")), "--csv"]
     found = CliRunner().invoke(app, [*options, "--time-limit", "1"])
     rows = list(csv.DictReader(found.stdout.splitlines()))

@@ -148,7 +148,12 @@ CLOUDS: dict[str, Callable[[], tk.Shape]] = {
 }
 
 
-@pytest.mark.parametrize("name", CLOUDS)
+LONG = ("two spheres", "half sphere, noise", "sphere, 2 % noise")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) if name in LONG else name for name in CLOUDS]
+)
 def test_gauss_bonnet_the_report_and_curvature_give_one_number(name: str) -> None:
     shape = CLOUDS[name]()
     report = shape.report()

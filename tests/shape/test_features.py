@@ -125,7 +125,7 @@ def test_doubts_of_a_cloud_are_where_it_is_narrower_than_its_resolution() -> Non
     assert "Thin handle, 0." in report.text()
     assert "votes for it" in report._repr_html_()
     assert json.loads(report.to_json())["doubts"][0]["kind"] == report.doubts[0].kind
-    wide = tk.from_points(torus_samples(4000, 1.0, 0.4).points).report(features=True)
+    wide = tk.from_points(torus_samples(2500, 1.0, 0.4).points).report(features=True)
     assert wide.doubts == ()
 
 

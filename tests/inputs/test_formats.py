@@ -13,6 +13,7 @@ from topokit.adapters.mesh.entry import FORMATS as OF_MESHES
 from topokit.adapters.points.entry import FORMATS as OF_POINTS
 from topokit.adapters.splats.entry import FORMATS as OF_SPLATS
 from topokit.adapters.voxels.entry import FORMATS as OF_VOLUMES
+from topokit.adapters.voxels.stored import Entry
 from topokit.inputs.files import head
 from topokit.inputs.formats import Format, Formats, format_of, is_certainly, stored_in
 
@@ -37,7 +38,7 @@ def test_arrays_are_points_or_volumes(tmp_path: Path) -> None:
         path = tmp_path / name
         assert [is_certainly(formats, path) for formats in (OF_POINTS, OF_VOLUMES)] == wanted
         assert {found.name for formats in (OF_POINTS, OF_VOLUMES) if (found := format_of(formats, path, head(path)))}
-        assert [stored_in(OF_POINTS, path) is not None, stored_in(OF_VOLUMES, path, None) is not None] == wanted
+        assert [stored_in(OF_POINTS, path) is not None, stored_in(OF_VOLUMES, path, Entry()) is not None] == wanted
 
 
 @pytest.mark.parametrize("name", ["a.xyz", "a.npy"])
@@ -58,4 +59,4 @@ def test_text_is_never_certain_and_folders_are_no_points(tmp_path: Path) -> None
     (tmp_path / "a.xyz").write_text("0 0 1\n" * 9)
     assert not is_certainly(OF_POINTS, tmp_path / "a.xyz")
     assert not is_certainly(OF_POINTS, tmp_path)
-    assert stored_in(OF_VOLUMES, tmp_path, None) is None
+    assert stored_in(OF_VOLUMES, tmp_path, Entry()) is None

@@ -21,7 +21,8 @@ NUMPY = BEGINNINGS[".npy"]
 def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | None:
     """What a .npy or .npz file holds by its headers; None if it is no such file.
 
-    A 3-D array is a volume, unless the archive names points. A damaged file counts as points: their reader reports it.
+    An array of three axes or more is a volume, unless the archive names points. A damaged file counts as points: their
+    reader reports it.
     """
     if not beginning.startswith(NUMPY) and not (beginning.startswith(ZIP) and b".npy" in beginning):
         return None
@@ -30,7 +31,7 @@ def numpy_kind(path: Path, beginning: bytes) -> Literal["points", "volume"] | No
             shapes = array_shapes(plain)
     except ReadError:
         return "points"
-    return "volume" if "points" not in shapes and any(len(shape) == 3 for shape in shapes.values()) else "points"
+    return "volume" if "points" not in shapes and any(len(shape) >= 3 for shape in shapes.values()) else "points"
 
 
 def array_shapes(path: Path) -> dict[str, tuple[int, ...]]:

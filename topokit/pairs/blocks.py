@@ -11,6 +11,7 @@ from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice
 from topokit.adapters.voxels.counting import Seen, Solid
 from topokit.adapters.voxels.large import Blocks, blocks_of
 from topokit.adapters.voxels.masks import check_mask
+from topokit.adapters.voxels.stored import Entry
 from topokit.comparison.blocks import BlockComparison
 from topokit.core.blocks.division import MOST_VOXELS, Box
 from topokit.core.blocks.reduction import reduced
@@ -104,7 +105,7 @@ cavities 0 matched, 1 missing, 0 spurious
 
 
 def _blocks(volume: Any, dataset: str | None, block_voxels: int, client: Any) -> Blocks:
-    found = blocks_of(volume, dataset, block_voxels, client)
+    found = blocks_of(volume, Entry(dataset), block_voxels, client)
     if found is None:
         raise AssertionError("blocks of a size were asked for")
     return found

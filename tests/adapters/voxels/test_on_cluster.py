@@ -12,8 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.adapters.voxels.stored import StoredVolume
+from topokit.adapters.voxels.large import blocks_of
+from topokit.adapters.voxels.stored import Entry, StoredVolume
 from topokit.core.blocks.division import Box
+from topokit.core.blocks.reduction import active_client
 
 dask_array = pytest.importorskip("dask.array")
 
@@ -44,6 +46,14 @@ def test_workers_count_what_memory_counts(dask_client: Any, tmp_path: Path) -> N
         found = tk.from_voxels(source, connectivity=6, block_voxels=3000, client=dask_client).report()
         assert (found.euler, found.reasons) == (expected.euler, expected.reasons)
         assert found.per_component == expected.per_component
+
+
+def test_a_dask_array_goes_to_the_active_client(dask_client: Any) -> None:
+    assert active_client() is dask_client
+    assert dask_client.submit(lambda: active_client() is None).result()  # a worker does not wait for others
+    blocks = blocks_of(dask_array.from_array(VOLUME, chunks=10), Entry(), 3000, None)
+    assert blocks.client is dask_client
+    assert blocks_of(VOLUME, Entry(), 3000, None).client is None
 
 
 def test_a_worker_that_dies_costs_a_retry(dask_client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

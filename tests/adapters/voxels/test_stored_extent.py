@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import topokit as tk
-from topokit.adapters.voxels.stored import IndexedVolume, StoredVolume, _lengths
+from topokit.adapters.voxels.stored import Entry, IndexedVolume, StoredVolume, _lengths
 from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.errors import ReadError
 
@@ -33,7 +33,7 @@ def inner(tmp_path: Path) -> Path:
 
 
 def opened(path: Path, dataset: str | None = None) -> StoredVolume:
-    found = stored_volume(path, dataset)
+    found = stored_volume(path, Entry(dataset))
     assert found is not None
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from numbers import Integral
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.adapters.voxels.stored import not_a_volume, volume_axes
+from topokit.adapters.voxels.stored import Entry, axis_names, volume_index
 from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.blocks.whole import CountedVolume, count_solid
 from topokit.core.components import Corner
@@ -56,6 +56,8 @@ def from_voxels(
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
     dataset: str | None = None,
+    axis: int | str | None = None,
+    channel: int | None = None,
     block_voxels: int | None = None,
     client: Any = None,
     periodic: bool | Periodic = False,
@@ -94,9 +96,13 @@ def from_voxels(
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
         dataset: path of the array in a zarr group or HDF5 file that holds several.
+        axis: name or number of the axis along which `channel` is chosen, such as "t". Arrays of xarray, zarr, OME-Zarr
+            and HDF5 may name their axes; by default the one that is named "c" or "channel".
+        channel: which of several channels, or times, of an array with a fourth axis is the volume, from 0 on.
         block_voxels: count block by block, whatever the volume's size, with at most so many voxels in a block; but a
             block has at least one chunk of the storage. By default 2²⁴.
-        client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one.
+        client: a `dask.distributed.Client` whose workers count the blocks; by default this process, one by one, but for
+            Dask arrays the client that is active.
         periodic: along which axes the last layer touches the first, as in a cell of a lattice; one for all or three.
             Pieces, tunnels, cavities and the genus of the surface are then those in the torus, where a loop around the
             box is a tunnel and a sheet across it adds a cavity. The shape has a report, but no samples.
@@ -124,14 +130,15 @@ def from_voxels(
     check_choice(level, labels)
     positions = None if starts is None else as_positions(starts, "starts")
     box = Box.of(periodic, edges)
-    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+    entry = Entry(dataset, axis, channel)
+    if (blocks := blocks_of(volume, entry, block_voxels, client)) is not None:
         if box != Box():
             raise InputError("volumes that are counted block by block can be neither periodic nor cut out.")
         place = placed(blocks.volume.placement, spacing, origin)
         return shape_in_blocks(
             blocks, place, place.grid(blocks.volume.shape), Solid(level, labels, connectivity), n_neighbors
         )
-    name, values, found = open_volume(volume, dataset)
+    name, values, found = open_volume(volume, entry)
     sampling = Sampling(n_samples, deferred_seed(generator), positions, n_neighbors)
     place, solid = placed(found, spacing, origin), Solid(level, labels, connectivity)
     return shape_in_memory(name, values, place, solid, sampling, box=box)
@@ -209,31 +216,28 @@ def counted_answer(count: Callable[[], CountedVolume], field: VoxelField, placem
 
 
 def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, dataset: str | None = None
+    volume: str | os.PathLike[str] | Tensor | ArrayLike, entry: Entry
 ) -> tuple[str, Tensor, Placement | None]:
     """What to call a volume, its values (X, Y, Z), and where they are, if the file says it."""
-    name, placement = "voxels", None
+    name, placement, names = "voxels", None, axis_names(volume)
     if isinstance(volume, str | os.PathLike) and not lies_in(volume, ADDRESSES):
         path = user_path(volume)
         path = path if path.is_dir() and VOXELS.can_open(path) else existing_file(path)
         with unpacked(path) as plain:
-            stored = stored_volume(plain, dataset)
-            volume, placement = read_volume(plain) if stored is None else (stored.whole(), stored.placement)
-            name = path.name
-    elif (stored := stored_volume(volume, dataset)) is not None:
+            stored = stored_volume(plain, entry)
+            volume, placement = read_volume(plain, entry) if stored is None else (stored.whole(), stored.placement)
+            name, entry = path.name, Entry()
+    elif (stored := stored_volume(volume, entry)) is not None:
         volume, placement = stored.whole(), stored.placement
-        name = stored.name
-    elif (found := image_of(volume)) is not None:
-        volume, placement = found
-    return name, _as_volume(volume), placement
+        name, entry = stored.name, Entry()
+    elif (found := image_of(volume, entry)) is not None:
+        volume, placement, names = found
+    return name, _as_volume(volume, entry, names), placement
 
 
-def _as_volume(volume: object) -> Tensor:
+def _as_volume(volume: object, entry: Entry, names: Sequence[str]) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
-    axes = volume_axes(values.shape)
-    if len(axes) != 3 or values.numel() == 0:
-        raise not_a_volume(values.shape)
-    values = values[tuple(slice(None) if axis in axes else 0 for axis in range(values.ndim))]
+    values = values[volume_index(values.shape, entry, names)]
     if values.dtype == torch.uint64:
         values = values.view(torch.int64)
         if bool((values < 0).any()):

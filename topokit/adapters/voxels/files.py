@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
-from topokit.adapters.voxels.stored import volume_axes
+from topokit.adapters.voxels.stored import Entry, volume_axes, volume_index
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
 from topokit.inputs.files import head
@@ -21,8 +21,12 @@ from topokit.inputs.reading import reading
 Volume = tuple[NDArray[Any], Placement | None]
 
 
-def read_volume(path: Path) -> Volume:
+def read_volume(path: Path, entry: Entry) -> Volume:
     """The array of a file or of a folder with a DICOM series, by content, and where its voxels are.
+
+    Args:
+        path: of it.
+        entry: which part is the volume.
 
     The axes are in the order in which the format's reader gives them. The placement is None if the file has none.
 
@@ -35,12 +39,13 @@ def read_volume(path: Path) -> Volume:
         raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
     with reading(path, f"the {found.name} reader", extra="topokit[volumes]"):
         array, placement = pkgutil.resolve_name(found.read)(path)
-    if array.ndim != 3 and len(volume_axes(array.shape)) != 3:
+    chosen = entry.chosen(array.shape, ())
+    if array.ndim != 3 and len(volume_axes(array.shape, chosen)) != 3:
         one = "Of one slice give the folder with all slices, or pass topokit.from_voxels(array[None])."
-        several = "Of several channels or times read the file and pass one of them: topokit.from_voxels(array[0])."
+        several = "Of several channels or times pass axis= and channel=, the number of an axis and of one along it."
         hint = one if array.ndim == 2 else several
         raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected. {hint}")
-    return array, placement
+    return array[volume_index(array.shape, entry)] if chosen else array, placement
 
 
 def read_npy(path: Path) -> Volume:

@@ -18,6 +18,7 @@ from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES
 from topokit.adapters.voxels.field import VoxelField
 from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
+from topokit.adapters.voxels.stored import Entry
 from topokit.core.blocks.labeled import CountedLabels, count_labels
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
@@ -46,6 +47,8 @@ def from_labels(
     n_neighbors: int | None = None,
     generator: torch.Generator | None = None,
     dataset: str | None = None,
+    axis: int | str | None = None,
+    channel: int | None = None,
     block_voxels: int | None = None,
     client: Any = None,
 ) -> dict[int, Shape]:
@@ -65,6 +68,8 @@ def from_labels(
         n_neighbors: as for `from_voxels`.
         generator: as for `from_voxels`; every label has the same seed.
         dataset: as for `from_voxels`.
+        axis: as for `from_voxels`.
+        channel: as for `from_voxels`.
         block_voxels: as for `from_voxels`; the volume is read once to find the labels, then the box of each.
         client: as for `from_voxels`.
 
@@ -86,14 +91,15 @@ def from_labels(
     check_connectivity(connectivity)
     check_sample_count(n_samples, given_or_default(n_neighbors))
     sampling = Sampling(n_samples, deferred_seed(generator), None, n_neighbors)
-    if (blocks := blocks_of(volume, dataset, block_voxels, client)) is not None:
+    entry = Entry(dataset, axis, channel)
+    if (blocks := blocks_of(volume, entry, block_voxels, client)) is not None:
         name, boxes = blocks.volume.name, labels_in_blocks(blocks)
         place = placed(blocks.volume.placement, spacing, origin)
         return {
             label: label_in_blocks(blocks, label, boxes[label], place, connectivity, n_neighbors)
             for label in _wanted(name, labels, boxes)
         }
-    name, values, found = open_volume(volume, dataset)
+    name, values, found = open_volume(volume, entry)
     boxes, place = label_boxes(values), placed(found, spacing, origin)
     wanted = _wanted(name, labels, boxes)
     counts = _Counts(values, {label: boxes[label] for label in wanted}, connectivity, place)

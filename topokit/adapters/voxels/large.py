@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks
-from topokit.adapters.voxels.stored import PartOfVolume, StoredVolume
+from topokit.adapters.voxels.stored import DaskVolume, Entry, PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
-from topokit.core.blocks.reduction import reduced
+from topokit.core.blocks.reduction import active_client, reduced
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.labels import Box as LabelBox
 from topokit.core.grid.labels import joined_boxes, tight_boxes, widened
@@ -36,7 +36,7 @@ class Blocks(NamedTuple):
     client: Any
 
 
-def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client: Any) -> Blocks | None:
+def blocks_of(volume: Any, entry: Entry, block_voxels: int | None, client: Any) -> Blocks | None:
     """The blocks of a volume that is large, or is to be counted block by block; else None.
 
     Arguments are those of `from_voxels`.
@@ -48,7 +48,7 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
     if block_voxels is not None and block_voxels < 1:
         raise InputError(f"block_voxels must be at least 1, not {block_voxels}.")
     is_wanted = block_voxels is not None or client is not None
-    stored = stored_volume(volume, dataset)
+    stored = stored_volume(volume, entry)
     if not is_wanted and (stored is None or stored.n_voxels <= MOST_IN_MEMORY):
         return None
     if isinstance(volume, str | os.PathLike) and not is_address(volume) and is_temporary(user_path(volume)):
@@ -56,14 +56,17 @@ def blocks_of(volume: Any, dataset: str | None, block_voxels: int | None, client
             f"{Path(volume).name} is to be counted block by block, but its file is only a copy while it is opened: "
             "pass the path of a file on disk, or the address of a zarr volume."
         )
-    stored = readable_in_blocks(volume) if stored is None else stored
+    stored = readable_in_blocks(volume, entry) if stored is None else stored
+    if client is None and isinstance(stored, DaskVolume):
+        client = active_client()
     most_voxels = block_voxels or MOST_VOXELS
     return Blocks(stored, Division.of(stored.chunks, most_voxels), most_voxels, client)
 
 
 def is_large(source: Path | str, options: Mapping[str, Any]) -> bool:
     """Whether `from_voxels` counts a file block by block; see `Adapter.is_large`."""
-    return blocks_of(source, options.get("dataset"), options.get("block_voxels"), None) is not None
+    entry = Entry(*(options.get(name) for name in Entry._fields))
+    return blocks_of(source, entry, options.get("block_voxels"), None) is not None
 
 
 def labels_in_blocks(blocks: Blocks) -> dict[int, LabelBox]:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice, open_volume, placed
 from topokit.adapters.voxels.counting import Seen, Solid
+from topokit.adapters.voxels.stored import Entry
 from topokit.core.arrays import Booleans
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.placement import Placement
@@ -41,7 +42,7 @@ def opened_volume(
     dataset: str | None = None,
 ) -> OpenedVolume:
     """The values of a volume, whose arguments and errors are those of `from_voxels`."""
-    name, values, found = open_volume(volume, dataset)
+    name, values, found = open_volume(volume, Entry(dataset))
     return OpenedVolume(name, values.detach().cpu(), placed(found, spacing, (0.0, 0.0, 0.0)))
 
 

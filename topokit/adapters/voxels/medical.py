@@ -20,10 +20,10 @@ from torch import Tensor
 
 from topokit.adapters.voxels.bounds import check_nibabel, check_nrrd
 from topokit.adapters.voxels.entry import is_dicom
-from topokit.adapters.voxels.stored import placement_of_xarray
+from topokit.adapters.voxels.stored import Entry, placement_of_xarray
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
-from topokit.errors import InputError, MissingDependencyError, ReadError
+from topokit.errors import InputError, MissingDependencyError, Option, ReadError
 from topokit.inputs.files import head, require_beside
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
@@ -156,32 +156,33 @@ def _affine(directions: Floats, origin: Any) -> Floats:
     return affine
 
 
-def image_of(source: Any) -> tuple[Any, Placement | None] | None:
+def image_of(source: Any, entry: Entry) -> tuple[Any, Placement | None, tuple[str, ...]] | None:
     """The voxels of an object that holds an image, and where they are.
 
     Args:
         source: an image of nibabel, a `SimpleITK.Image`, an `xarray.DataArray`, or a `MetaTensor` of MONAI, with or
             without its channel.
+        entry: which part of it is the volume.
 
     Returns:
-        Voxels (X, Y, Z) as an array or tensor, and where they are or None; None for other objects.
+        Voxels (X, Y, Z) as an array or tensor, with a channel if one is to be chosen; where they are or None; and the
+        names of the axes, if they have some. None for other objects.
 
     Raises:
         InputError: if it has several channels, or coordinates of xarray that are not evenly spaced.
     """
     affine = getattr(source, "affine", None)
     if hasattr(source, "dataobj") and affine is not None:
-        return np.asanyarray(source.dataobj), _of_nibabel(source)
+        return np.asanyarray(source.dataobj), _of_nibabel(source), ()
     if isinstance(source, Tensor) and isinstance(affine, Tensor):
         plain = source.as_tensor() if hasattr(source, "as_tensor") else source
         matrix = affine.detach().cpu().double().numpy()
-        return _only_channel(plain), Placement.of_affine(
-            matrix, "mm", str(getattr(source, "meta", {}).get("space", "RAS"))
-        )
+        placement = Placement.of_affine(matrix, "mm", str(getattr(source, "meta", {}).get("space", "RAS")))
+        return (plain, placement, tuple("cxyz")) if entry.channel is not None else (_only_channel(plain), placement, ())
     if hasattr(source, "dims") and hasattr(source, "coords") and hasattr(source, "values"):
-        return np.asarray(source.values), placement_of_xarray(source)
+        return np.asarray(source.values), placement_of_xarray(source, entry), tuple(map(str, source.dims))
     if hasattr(source, "GetSpacing") and hasattr(source, "GetNumberOfComponentsPerPixel"):
-        return itk_array(source)
+        return *itk_array(source), ()
     return None
 
 
@@ -190,7 +191,7 @@ def _only_channel(values: Tensor) -> Tensor:
     if values.ndim != 4:
         return values
     if len(values) != 1:
-        raise InputError(f"the image has {len(values)} channels; pass one of them: topokit.from_voxels(image[0]).")
+        raise InputError(f"the image has {len(values)} channels: pass ", Option("channel", "0"), ".")
     return values[0]
 
 

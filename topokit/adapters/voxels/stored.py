@@ -8,11 +8,11 @@ for 8192³, instead of milliseconds.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import accumulate, pairwise
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -20,29 +20,93 @@ from torch import Tensor
 
 from topokit.core.blocks.division import Box
 from topokit.core.grid.placement import Placement
-from topokit.errors import InputError
+from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_tensor
 from topokit.inputs.reading import reading
 
 Values = NDArray[Any]
 Lengths = tuple[tuple[int, ...], ...]
+_CHANNELS = ("c", "channel")  # names of the axis of channels
 _MOST_CHUNKS = 1 << 20  # along an axis; beyond, neighbors count as one chunk, as their lengths take memory
 
 
-def not_a_volume(shape: Sequence[int]) -> InputError:
+def not_a_volume(shape: Sequence[int], names: Sequence[str] = ()) -> InputError:
     """The error about an array of another shape than (X, Y, Z)."""
-    hint = " One slice is a volume of one layer: pass image[None]." if len(shape) == 2 else ""
-    return InputError(f"the volume must have shape (X, Y, Z), got {tuple(shape)}.{hint}")
+    called = f" with the axes {', '.join(names)}" if names else ""
+    says = f"the volume must have shape (X, Y, Z), got {tuple(shape)}{called}."
+    if len(shape) == 2:
+        return InputError(f"{says} One slice is a volume of one layer: pass image[None].")
+    if len(shape) == 4:
+        return InputError(
+            f"{says} Of several channels or times pass ", Option("axis", "…"), " and ", Option("channel", "…"), "."
+        )
+    return InputError(says)
 
 
-def volume_axes(shape: Sequence[int]) -> tuple[int, ...]:
+class Entry(NamedTuple):
+    """Which part of a file or array is the volume: the arguments of `from_voxels` with these names."""
+
+    dataset: str | None = None
+    axis: int | str | None = None
+    channel: int | None = None
+
+    def chosen(self, shape: Sequence[int], names: Sequence[str]) -> dict[int, int]:
+        """The number of the axis along which the channel is chosen, and the channel; empty if none is.
+
+        Raises:
+            InputError: if there is no such axis or channel.
+        """
+        if self.channel is None:
+            if self.axis is not None:
+                raise InputError(
+                    Option("axis", repr(self.axis)), " needs ", Option("channel", "…"), ", a number along it."
+                )
+            return {}
+        axis = next((name for name in _CHANNELS if name in names), None) if self.axis is None else self.axis
+        held = f"an array of shape {tuple(shape)}" + (f" with the axes {', '.join(names)}" if names else "")
+        if axis is None:
+            raise InputError(f"{held} does not say which axis is that of channels: pass ", Option("axis", "…"), ".")
+        place = {name: number for number, name in enumerate(names)}.get(str(axis), axis)
+        if not isinstance(place, int) or not -len(shape) <= place < len(shape):
+            raise InputError(f"{held} has no axis {axis!r}: give the name or the number of one.")
+        if not 0 <= self.channel < shape[place]:
+            raise InputError(f"{held} has no channel {self.channel} along axis {axis!r}, but {shape[place]} from 0 on.")
+        return {place % len(shape): self.channel}
+
+
+_ALL = Entry()
+
+
+def volume_axes(shape: Sequence[int], besides: Collection[int] = ()) -> tuple[int, ...]:
     """The axes of an array that are those of a volume: all but as many of length one as there are too many.
 
     So times and channels of which there is one are left out: axes 2, 3 and 4 of (1, 1, Z, Y, X).
+
+    Args:
+        shape: of the array.
+        besides: axes that are none of the volume.
     """
-    n_too_many = len(shape) - 3
-    ones = [axis for axis, n in enumerate(shape) if n == 1][: max(0, n_too_many)]
-    return tuple(axis for axis in range(len(shape)) if axis not in ones)
+    axes = [axis for axis in range(len(shape)) if axis not in besides]
+    ones = [axis for axis in axes if shape[axis] == 1][: max(0, len(axes) - 3)]
+    return tuple(axis for axis in axes if axis not in ones)
+
+
+def volume_index(shape: Sequence[int], entry: Entry = _ALL, names: Sequence[str] = ()) -> tuple[slice | int, ...]:
+    """How an array is indexed to get its volume.
+
+    Args:
+        shape: of the array.
+        entry: which part of it is the volume.
+        names: of its axes, if it has any.
+
+    Raises:
+        InputError: if there are not three axes left, or there is no such part.
+    """
+    chosen = entry.chosen(shape, names)
+    axes = volume_axes(shape, chosen)
+    if len(axes) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
+        raise not_a_volume(shape, names)
+    return tuple(slice(None) if axis in axes else chosen.get(axis, 0) for axis in range(len(shape)))
 
 
 class StoredVolume(ABC):
@@ -58,18 +122,24 @@ class StoredVolume(ABC):
 
     placement: Placement | None = None
 
-    def __init__(self, name: str, shape: Sequence[int], dtype: DTypeLike, chunks: Sequence[int] | Lengths) -> None:
-        """Args: see the class and, for more than three axes, `volume_axes`; chunks may be one length for each axis.
+    def __init__(
+        self,
+        name: str,
+        shape: Sequence[int],
+        dtype: DTypeLike,
+        chunks: Sequence[int] | Lengths,
+        entry: Entry = _ALL,
+        names: Sequence[str] = (),
+    ) -> None:
+        """Args: see the class and `volume_index`; chunks may be one length for each axis.
 
         Raises:
             InputError: if this is no volume of real numbers.
         """
-        axes = volume_axes(shape)
-        if len(axes) != 3 or not all(n > 0 for n in shape):  # Dask knows lengths as NaN, too
-            raise not_a_volume(shape)
+        self._index = volume_index(shape, entry, names)
+        axes = [axis for axis, one in enumerate(self._index) if isinstance(one, slice)]
         x, y, z = (int(shape[axis]) for axis in axes)
         chunks = tuple(chunks[axis] for axis in axes)  # type: ignore[assignment]
-        self._index = tuple(slice(None) if axis in axes else 0 for axis in range(len(shape)))
         self.name, self.shape, self.dtype = name, (x, y, z), np.dtype(dtype)
         if self.dtype.kind not in "biuf":
             raise InputError(f"the volume must hold real numbers, got {self.dtype}.")
@@ -112,9 +182,16 @@ class _Reading:
 class IndexedVolume(StoredVolume):
     """An array that gives the values of a box when it is indexed with slices, such as one of zarr or TensorStore."""
 
-    def __init__(self, array: Any, name: str = "voxels", placement: Placement | None = None) -> None:
-        """Args: the array, what to call it, and where its voxels are, if known."""
-        super().__init__(name, array.shape, _numpy_type(array), _chunks_of(array))
+    def __init__(
+        self,
+        array: Any,
+        name: str = "voxels",
+        placement: Placement | None = None,
+        entry: Entry = _ALL,
+        names: Sequence[str] = (),
+    ) -> None:
+        """Args: the array, what to call it, where its voxels are, if known; for the others see `volume_index`."""
+        super().__init__(name, array.shape, _numpy_type(array), _chunks_of(array), entry, names)
         self.placement = placement
         self._array, self._library = array, type(array).__module__.partition(".")[0]
 
@@ -143,10 +220,14 @@ class DaskVolume(IndexedVolume):
 class HdfVolume(StoredVolume):
     """A data set in an HDF5 file; other processes open the file for themselves."""
 
-    def __init__(self, dataset: Any, name: str = "voxels", placement: Placement | None = None) -> None:
-        """Args: an `h5py.Dataset`, what to call it, and where its voxels are, if known."""
-        shape = dataset.shape or ()
-        super().__init__(name, shape, dataset.dtype, dataset.chunks or _contiguous(shape))
+    def __init__(
+        self, dataset: Any, name: str = "voxels", placement: Placement | None = None, entry: Entry = _ALL
+    ) -> None:
+        """Args: an `h5py.Dataset`, what to call it, where its voxels are, if known, and which part is the volume."""
+        shape, names = dataset.shape or (), tuple(axis.label for axis in dataset.dims if axis.label)
+        super().__init__(
+            name, shape, dataset.dtype, dataset.chunks or _contiguous(shape), entry, names * (len(names) == len(shape))
+        )
         self.placement = placement
         self._path, self._place, self._dataset = Path(dataset.file.filename).absolute(), dataset.name, dataset
 
@@ -167,13 +248,13 @@ class HdfVolume(StoredVolume):
 class MappedVolume(StoredVolume):
     """An array of a file, in its binary form: a memory map that every process makes for itself."""
 
-    def __init__(self, mapped: np.memmap[Any, Any], name: str = "voxels") -> None:
-        """Args: a memory map that is no slice of another one, and what to call it."""
+    def __init__(self, mapped: np.memmap[Any, Any], name: str = "voxels", entry: Entry = _ALL) -> None:
+        """Args: a memory map that is no slice of another one, what to call it, and which part is the volume."""
         self._path = Path(str(mapped.filename))
         self._offset, self._order = mapped.offset, "F" if mapped.flags.f_contiguous else "C"
         self._whole_shape = mapped.shape
         chunks = _contiguous(mapped.shape)
-        super().__init__(name, mapped.shape, mapped.dtype, chunks[::-1] if self._order == "F" else chunks)
+        super().__init__(name, mapped.shape, mapped.dtype, chunks[::-1] if self._order == "F" else chunks, entry)
 
     def read(self, box: Box) -> Values:
         """See `StoredVolume`."""
@@ -206,34 +287,49 @@ class PartOfVolume(StoredVolume):
         return x, y, z
 
 
-def stored_array(volume: object) -> StoredVolume | None:
-    """An array that can be read box by box; None for what is in memory already, or is no array."""
+def stored_array(volume: object, entry: Entry = _ALL, names: Sequence[str] = ()) -> StoredVolume | None:
+    """An array that can be read box by box; None for what is in memory already, or is no array.
+
+    Args:
+        volume: the array.
+        entry: which part of it is the volume.
+        names: of its axes, if it has none itself.
+    """
     kind = type(volume).__module__.partition(".")[0]
     if kind == "xarray" and hasattr(volume, "coords"):
-        found = stored_array(volume.data)  # type: ignore[attr-defined]
+        array: Any = volume
+        found = stored_array(array.data, entry, tuple(map(str, array.dims)))
         if found is not None:
-            found.placement = placement_of_xarray(volume)
+            found.placement = placement_of_xarray(array, entry)
         return found
     if kind == "h5py" and hasattr(volume, "file"):
-        return HdfVolume(volume)
+        return HdfVolume(volume, entry=entry)
     if kind == "dask" and hasattr(volume, "dask"):
-        return DaskVolume(volume)
+        return DaskVolume(volume, entry=entry, names=names)
     if isinstance(volume, np.memmap):
         whole = volume.base is not None and not isinstance(volume.base, np.memmap) and volume.filename is not None
-        return MappedVolume(volume) if whole and volume.flags.forc else IndexedVolume(volume)
+        is_plain = whole and volume.flags.forc
+        return MappedVolume(volume, entry=entry) if is_plain else IndexedVolume(volume, entry=entry, names=names)
     is_array = hasattr(volume, "shape") and hasattr(volume, "dtype") and hasattr(volume, "__getitem__")
-    return (
-        IndexedVolume(volume) if is_array and not isinstance(volume, np.ndarray | Tensor) and _is_lazy(volume) else None
-    )
+    if not is_array or isinstance(volume, np.ndarray | Tensor) or not _is_lazy(volume):
+        return None
+    return IndexedVolume(volume, entry=entry, names=names or axis_names(volume))
 
 
-def placement_of_xarray(array: Any) -> Placement | None:
+def axis_names(array: Any) -> tuple[str, ...]:
+    """The names that an array of zarr or xarray gives its axes, if it does."""
+    names = getattr(array, "dims", None) or getattr(getattr(array, "metadata", None), "dimension_names", None) or ()
+    return tuple(map(str, names))
+
+
+def placement_of_xarray(array: Any, entry: Entry = _ALL) -> Placement | None:
     """Where the voxels of an `xarray.DataArray` are by the coordinates of its axes; None if an axis has none.
 
     Raises:
         InputError: if they are not evenly spaced.
     """
-    names = [array.dims[axis] for axis in volume_axes(array.shape)]
+    chosen = entry.chosen(array.shape, tuple(map(str, array.dims)))
+    names = [array.dims[axis] for axis in volume_axes(array.shape, chosen)]
     if len(names) != 3 or not all(name in array.coords and array.sizes[name] > 1 for name in names):
         return None
     ticks = [np.asarray(array.coords[name].values, dtype=float) for name in names]
@@ -247,9 +343,9 @@ def placement_of_xarray(array: Any) -> Placement | None:
     return Placement.of_affine(affine, units.pop() if len(units) == 1 else "")
 
 
-def in_memory_array(volume: object) -> StoredVolume:
+def in_memory_array(volume: object, entry: Entry = _ALL) -> StoredVolume:
     """An array or tensor in memory, to be read box by box all the same."""
-    return MemoryVolume(as_tensor(volume, "the volume", "(X, Y, Z)").detach().cpu().numpy())
+    return MemoryVolume(as_tensor(volume, "the volume", "(X, Y, Z)").detach().cpu().numpy(), entry=entry)
 
 
 def _is_lazy(volume: object) -> bool:

@@ -12,10 +12,12 @@ from torch import Tensor
 
 from topokit.adapters.voxels.entry import ADDRESSES, FORMATS
 from topokit.adapters.voxels.stored import (
+    Entry,
     HdfVolume,
     IndexedVolume,
     MappedVolume,
     StoredVolume,
+    axis_names,
     in_memory_array,
     stored_array,
     volume_axes,
@@ -30,16 +32,17 @@ from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking, lies_in
 
+_ALL = Entry()
 _HOW = 'pip install "topokit[cluster]"'
 _UNITS = {"meter": "m", "millimeter": "mm", "micrometer": "µm", "nanometer": "nm", "angstrom": "Å"}  # of OME-Zarr
 
 
-def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
+def stored_volume(volume: object, entry: Entry = _ALL) -> StoredVolume | None:
     """A volume that can be read box by box; None for what other readers read as a whole, or is in memory already.
 
     Args:
         volume: a path or an array.
-        dataset: the path of an array in a zarr group or HDF5 file.
+        entry: which part of it is the volume.
 
     Raises:
         ReadError: if a file is missing or malformed, or has no such array.
@@ -47,19 +50,19 @@ def stored_volume(volume: object, dataset: str | None) -> StoredVolume | None:
         InputError: if there is no volume, or several and no `dataset`; or there is a `dataset`, but nothing to hold it.
     """
     if isinstance(volume, str) and lies_in(volume, ADDRESSES):
-        found: StoredVolume | None = zarr_volume(volume, dataset)
+        found: StoredVolume | None = zarr_volume(volume, entry)
     elif isinstance(volume, str | os.PathLike):
         path = user_path(volume)
-        found = stored_in(FORMATS, path if path.is_dir() else existing_file(path), dataset)
+        found = stored_in(FORMATS, path if path.is_dir() else existing_file(path), entry)
     else:
-        found = stored_array(volume)
-    if dataset is not None and (found is None or isinstance(found, MappedVolume)):
-        named = Option("dataset", repr(dataset))
+        found = stored_array(volume, entry)
+    if entry.dataset is not None and (found is None or isinstance(found, MappedVolume)):
+        named = Option("dataset", repr(entry.dataset))
         raise InputError(named, " names an array in a zarr group or HDF5 file; this is neither.")
     return found
 
 
-def readable_in_blocks(volume: Any) -> StoredVolume:
+def readable_in_blocks(volume: Any, entry: Entry = _ALL) -> StoredVolume:
     """An array or tensor in memory, to be read box by box all the same.
 
     Raises:
@@ -70,18 +73,19 @@ def readable_in_blocks(volume: Any) -> StoredVolume:
             f"{volume} can be read only as a whole. Convert it to .zarr, .h5 or .npy, or open it and pass the array.",
             file=volume,
         )
-    return in_memory_array(volume if isinstance(volume, Tensor) else np.asanyarray(volume))
+    return in_memory_array(volume if isinstance(volume, Tensor) else np.asanyarray(volume), entry)
 
 
-def npy_volume(path: Path, dataset: str | None) -> StoredVolume | None:
+def npy_volume(path: Path, entry: Entry) -> StoredVolume | None:
     """An array of three axes as a memory map; there is no data set to choose."""
-    if len(volume_axes(array_shapes(path).get("", ()))) != 3:
+    shape = array_shapes(path).get("", ())
+    if len(volume_axes(shape, entry.chosen(shape, ()))) != 3:
         return None
     with reading(path, "the NumPy reader"):
-        return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name)
+        return MappedVolume(np.load(path, mmap_mode="r", allow_pickle=False), path.name, entry)
 
 
-def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
+def zarr_volume(path: Path | str, entry: Entry) -> StoredVolume:
     """The volume in a folder or at an address."""
     name = PurePosixPath(path).name
     try:
@@ -90,6 +94,7 @@ def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
     except ImportError as error:
         raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
     placement: Placement | None = None
+    names: tuple[str, ...] = ()
     with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
         if isinstance(path, Path):
             refuse_links(path)
@@ -99,18 +104,21 @@ def zarr_volume(path: Path | str, dataset: str | None) -> StoredVolume:
                 name: part for name, part in sorted(found.members(max_depth=None)) if isinstance(part, zarr.Array)
             }
             shapes = {name: one.shape for name, one in arrays.items()}
-            levels = _levels(found)
-            chosen = _chosen(path, shapes, dataset or next(iter(levels), None))
+            names, levels = _levels(found)
+            chosen = _chosen(path, shapes, entry._replace(dataset=entry.dataset or next(iter(levels), None)))
+            names = names if chosen in levels else ()
             found, placement = arrays[chosen], levels.get(chosen)
         if isinstance(path, str):
             check_remote_zarr(path, found)
         else:
             check_zarr(path, found)
-    return IndexedVolume(found, name, placement)
+    return IndexedVolume(found, name, placement, entry, names or axis_names(found))
 
 
-def _levels(group: Any) -> dict[str, Placement | None]:
-    """The levels of an OME-Zarr image, finest first: their paths, and where their voxels are; none for other groups.
+def _levels(group: Any) -> tuple[tuple[str, ...], dict[str, Placement | None]]:
+    """The names of the axes of an OME-Zarr image, and its levels, finest first: paths, and where their voxels are.
+
+    Of other groups there are none.
 
     Reference:
         J. Moore et al., "OME-Zarr: a cloud-optimized bioimaging file format with international community support",
@@ -128,7 +136,7 @@ def _levels(group: Any) -> dict[str, Placement | None]:
         if len(scale) == len(axes):
             scale, first = scale[spatial], first[spatial] if len(first) == len(axes) else first
         found[level["path"]] = _ome_placement(scale, first, units)
-    return found
+    return tuple(str(axis.get("name", "")) for axis in axes), found
 
 
 def _ome_placement(scale: Floats, first: Floats, units: Sequence[str]) -> Placement | None:
@@ -148,7 +156,7 @@ def _triple(values: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
+def hdf_volume(path: Path, entry: Entry) -> StoredVolume:
     """The volume in a file, or the one that the data set names."""
     try:
         import h5py
@@ -163,18 +171,19 @@ def hdf_volume(path: Path, dataset: str | None) -> StoredVolume:
     with reading(path, "h5py", LookupError, RuntimeError):
         file = h5py.File(path, "r")  # stays open as long as the volume needs it
         file.visititems(note)
-        found = file[_chosen(path, shapes, dataset)]
+        found = file[_chosen(path, shapes, entry)]
         check_hdf(path, found)
         sizes = found.attrs.get("element_size_um")  # as ilastik and its kin write it
     told = sizes is not None and len(sizes) == 3
-    return HdfVolume(found, path.name, Placement(_triple(sizes), unit="µm") if told else None)
+    return HdfVolume(found, path.name, Placement(_triple(sizes), unit="µm") if told else None, entry)
 
 
-def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], dataset: str | None) -> str:
+def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], entry: Entry) -> str:
     """The path of the array that is wanted, or of the only volume."""
+    dataset = entry.dataset
     if dataset is not None and dataset.strip("/") in shapes:
         return dataset.strip("/")
-    volumes = [name for name, shape in shapes.items() if len(volume_axes(shape)) == 3]
+    volumes = [name for name, shape in shapes.items() if len(volume_axes(shape)) == 3 + (entry.channel is not None)]
     if dataset is None and len(volumes) == 1:
         return volumes[0]
     held = ", ".join(_described(shapes)) or "no array"

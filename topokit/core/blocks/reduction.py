@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from topokit.core.blocks.division import Box, Division
@@ -58,6 +60,22 @@ def mapped(work: Callable[[Task], Result], tasks: Sequence[Task], client: Any) -
     held, call = delayed(work, traverse=False), delayed(_called, pure=False)
     for future in client.compute([call(held, task) for task in tasks], retries=RETRIES):
         yield future.result()
+
+
+def active_client() -> Any:
+    """The client of a Dask cluster that this process works with; None if there is none, or on a worker.
+
+    What waits on a worker for other work of its cluster may wait forever.
+    """
+    distributed = sys.modules.get("distributed")
+    if distributed is None:
+        return None
+    try:
+        distributed.get_worker()
+    except ValueError:
+        with suppress(ValueError):
+            return distributed.default_client()
+    return None
 
 
 def _called(work: Callable[..., Result], *task: Any) -> Result:

@@ -55,7 +55,7 @@ def test_one_of_several_channels_is_the_volume(tmp_path: Path) -> None:
         assert tk.from_voxels(both, **options).report().solid_betti == (1, 1, 0)
         assert tk.from_labels(tmp_path / "both.npy", **options)[1].report().solid_betti == (1, 1, 0)
     found = CliRunner().invoke(app, ["genus", str(tmp_path / "both.npy"), "--axis", "1", "--channel", "1"])
-    assert found.stdout.strip() == "1"
+    assert found.stdout.startswith("1\t")
 
 
 @pytest.mark.parametrize(

@@ -215,7 +215,7 @@ def test_an_image_of_monai() -> None:
     check(tk.from_voxels(values))
     two = torch.cat((values, values))
     two.affine = values.affine  # type: ignore[attr-defined]
-    with pytest.raises(InputError, match="the image has 2 channels; pass one of them"):
+    with pytest.raises(InputError, match="the image has 2 channels: pass channel=0"):
         tk.from_voxels(two)
 
 

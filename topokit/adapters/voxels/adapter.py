@@ -22,7 +22,7 @@ from topokit.adapters.voxels.files import read_volume
 from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.adapters.voxels.stored import Entry, axis_names, volume_index
+from topokit.adapters.voxels.stored import ALL, Entry, axis_names, volume_index
 from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.blocks.whole import CountedVolume, count_solid
 from topokit.core.components import Corner
@@ -226,10 +226,10 @@ def open_volume(
         with unpacked(path) as plain:
             stored = stored_volume(plain, entry)
             volume, placement = read_volume(plain, entry) if stored is None else (stored.whole(), stored.placement)
-            name, entry = path.name, Entry()
+            name, entry = path.name, ALL
     elif (stored := stored_volume(volume, entry)) is not None:
         volume, placement = stored.whole(), stored.placement
-        name, entry = stored.name, Entry()
+        name, entry = stored.name, ALL
     elif (found := image_of(volume, entry)) is not None:
         volume, placement, names = found
     return name, _as_volume(volume, entry, names), placement

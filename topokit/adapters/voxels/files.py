@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
-from topokit.adapters.voxels.stored import Entry, volume_axes, volume_index
+from topokit.adapters.voxels.stored import ALL, Entry, volume_axes, volume_index
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
 from topokit.inputs.files import head
@@ -21,7 +21,7 @@ from topokit.inputs.reading import reading
 Volume = tuple[NDArray[Any], Placement | None]
 
 
-def read_volume(path: Path, entry: Entry) -> Volume:
+def read_volume(path: Path, entry: Entry = ALL) -> Volume:
     """The array of a file or of a folder with a DICOM series, by content, and where its voxels are.
 
     Args:

@@ -74,7 +74,8 @@ class Entry(NamedTuple):
         return {place % len(shape): self.channel}
 
 
-_ALL = Entry()
+ALL = Entry()
+"""The only array there is, and the only channel."""
 
 
 def volume_axes(shape: Sequence[int], besides: Collection[int] = ()) -> tuple[int, ...]:
@@ -91,7 +92,7 @@ def volume_axes(shape: Sequence[int], besides: Collection[int] = ()) -> tuple[in
     return tuple(axis for axis in axes if axis not in ones)
 
 
-def volume_index(shape: Sequence[int], entry: Entry = _ALL, names: Sequence[str] = ()) -> tuple[slice | int, ...]:
+def volume_index(shape: Sequence[int], entry: Entry = ALL, names: Sequence[str] = ()) -> tuple[slice | int, ...]:
     """How an array is indexed to get its volume.
 
     Args:
@@ -128,7 +129,7 @@ class StoredVolume(ABC):
         shape: Sequence[int],
         dtype: DTypeLike,
         chunks: Sequence[int] | Lengths,
-        entry: Entry = _ALL,
+        entry: Entry = ALL,
         names: Sequence[str] = (),
     ) -> None:
         """Args: see the class and `volume_index`; chunks may be one length for each axis.
@@ -187,7 +188,7 @@ class IndexedVolume(StoredVolume):
         array: Any,
         name: str = "voxels",
         placement: Placement | None = None,
-        entry: Entry = _ALL,
+        entry: Entry = ALL,
         names: Sequence[str] = (),
     ) -> None:
         """Args: the array, what to call it, where its voxels are, if known; for the others see `volume_index`."""
@@ -221,7 +222,7 @@ class HdfVolume(StoredVolume):
     """A data set in an HDF5 file; other processes open the file for themselves."""
 
     def __init__(
-        self, dataset: Any, name: str = "voxels", placement: Placement | None = None, entry: Entry = _ALL
+        self, dataset: Any, name: str = "voxels", placement: Placement | None = None, entry: Entry = ALL
     ) -> None:
         """Args: an `h5py.Dataset`, what to call it, where its voxels are, if known, and which part is the volume."""
         shape, names = dataset.shape or (), tuple(axis.label for axis in dataset.dims if axis.label)
@@ -248,7 +249,7 @@ class HdfVolume(StoredVolume):
 class MappedVolume(StoredVolume):
     """An array of a file, in its binary form: a memory map that every process makes for itself."""
 
-    def __init__(self, mapped: np.memmap[Any, Any], name: str = "voxels", entry: Entry = _ALL) -> None:
+    def __init__(self, mapped: np.memmap[Any, Any], name: str = "voxels", entry: Entry = ALL) -> None:
         """Args: a memory map that is no slice of another one, what to call it, and which part is the volume."""
         self._path = Path(str(mapped.filename))
         self._offset, self._order = mapped.offset, "F" if mapped.flags.f_contiguous else "C"
@@ -287,7 +288,7 @@ class PartOfVolume(StoredVolume):
         return x, y, z
 
 
-def stored_array(volume: object, entry: Entry = _ALL, names: Sequence[str] = ()) -> StoredVolume | None:
+def stored_array(volume: object, entry: Entry = ALL, names: Sequence[str] = ()) -> StoredVolume | None:
     """An array that can be read box by box; None for what is in memory already, or is no array.
 
     Args:
@@ -322,7 +323,7 @@ def axis_names(array: Any) -> tuple[str, ...]:
     return tuple(map(str, names))
 
 
-def placement_of_xarray(array: Any, entry: Entry = _ALL) -> Placement | None:
+def placement_of_xarray(array: Any, entry: Entry = ALL) -> Placement | None:
     """Where the voxels of an `xarray.DataArray` are by the coordinates of its axes; None if an axis has none.
 
     Raises:
@@ -343,7 +344,7 @@ def placement_of_xarray(array: Any, entry: Entry = _ALL) -> Placement | None:
     return Placement.of_affine(affine, units.pop() if len(units) == 1 else "")
 
 
-def in_memory_array(volume: object, entry: Entry = _ALL) -> StoredVolume:
+def in_memory_array(volume: object, entry: Entry = ALL) -> StoredVolume:
     """An array or tensor in memory, to be read box by box all the same."""
     return MemoryVolume(as_tensor(volume, "the volume", "(X, Y, Z)").detach().cpu().numpy(), entry=entry)
 

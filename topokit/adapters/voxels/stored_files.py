@@ -12,6 +12,7 @@ from torch import Tensor
 
 from topokit.adapters.voxels.entry import ADDRESSES, FORMATS
 from topokit.adapters.voxels.stored import (
+    ALL,
     Entry,
     HdfVolume,
     IndexedVolume,
@@ -32,12 +33,11 @@ from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking, lies_in
 
-_ALL = Entry()
 _HOW = 'pip install "topokit[cluster]"'
 _UNITS = {"meter": "m", "millimeter": "mm", "micrometer": "µm", "nanometer": "nm", "angstrom": "Å"}  # of OME-Zarr
 
 
-def stored_volume(volume: object, entry: Entry = _ALL) -> StoredVolume | None:
+def stored_volume(volume: object, entry: Entry = ALL) -> StoredVolume | None:
     """A volume that can be read box by box; None for what other readers read as a whole, or is in memory already.
 
     Args:
@@ -62,7 +62,7 @@ def stored_volume(volume: object, entry: Entry = _ALL) -> StoredVolume | None:
     return found
 
 
-def readable_in_blocks(volume: Any, entry: Entry = _ALL) -> StoredVolume:
+def readable_in_blocks(volume: Any, entry: Entry = ALL) -> StoredVolume:
     """An array or tensor in memory, to be read box by box all the same.
 
     Raises:

@@ -4,6 +4,7 @@
     python -m benchmarks.matched_features symmetry 500
     python -m benchmarks.matched_features official 500 LIBRARY
     python -m benchmarks.matched_features cost 128 6 [LIBRARY]
+    python -m benchmarks.matched_features places 128 6
     python -m benchmarks.matched_features planted 200
     python -m benchmarks.matched_features blocks 384
 
@@ -50,9 +51,9 @@ def seeds(n_pairs: int, seconds: float):
     return takewhile(lambda _: time.perf_counter() - started < seconds, range(n_pairs))
 
 
-def drawn_pair(seed: int):
-    """One of the random pairs."""
-    return random_pair(26 + seed % 23, seed, (1.5, 1.2), 0.7 if seed % 4 < 2 else -0.7)
+def drawn_pair(seed: int, n: int | None = None):
+    """One of the random pairs, of n³ voxels."""
+    return random_pair(n or 26 + seed % 23, seed, (1.5, 1.2), 0.7 if seed % 4 < 2 else -0.7)
 
 
 def oracle(n_pairs: int, seconds: int = 600) -> None:
@@ -73,7 +74,7 @@ def symmetry(n_pairs: int, seconds: int = 600) -> None:
     same, n_done = 0, 0
     moves = list(product(permutations(range(3)), product((1, -1), repeat=3)))
     for seed in seeds(n_pairs, seconds):
-        pair = drawn_pair(seed)
+        pair = drawn_pair(seed, 26 + (seed % 23) ** 2 // 22)  # more small ones
         moved = (
             [one.transpose(axes)[tuple(slice(None, None, k) for k in steps)] for one in pair] for axes, steps in moves
         )
@@ -109,6 +110,20 @@ def cost(n: int, connectivity: int, library: str | None = None) -> None:
     print(
         f"{n}³, {what}: {time.process_time() - started:.2f} CPU s, "
         f"{_peak() - before:.2f} GiB more than before, matched {tuple(int(m) for m in matched)}"
+    )
+
+
+def places(n: int, connectivity: int) -> None:
+    """All places of a pair, beside its numbers."""
+    compare_solids(*random_pair(16, 0, (1, 1), 0.5), connectivity=connectivity).features  # noqa: B018  (compiles)
+    pair, started = random_pair(n, 300, (4, 4), 0.8), time.process_time()
+    found = compare_solids(*pair, connectivity=connectivity)
+    counted = time.process_time()
+    loops = [one.length for one in found.features if one.length is not None]
+    located, counted = time.process_time() - counted, counted - started
+    print(
+        f"{n}³, {connectivity}: numbers {counted:.2f} CPU s, {len(found.features)} places {located:.2f} CPU s; "
+        f"{len(loops)} loops of {sum(loops):.0f} steps for {found.betti_matching_error[1]} tunnels"
     )
 
 
@@ -219,6 +234,7 @@ def _peak() -> float:
 
 
 if __name__ == "__main__":
-    {"blocks": blocks, "oracle": oracle, "symmetry": symmetry, "official": official, "cost": cost, "planted": planted}[
-        sys.argv[1]
-    ](*(int(word) if word.isdigit() else word for word in sys.argv[2:]))
+    commands = (blocks, oracle, symmetry, official, cost, places, planted)
+    {command.__name__: command for command in commands}[sys.argv[1]](
+        *(int(word) if word.isdigit() else word for word in sys.argv[2:])
+    )

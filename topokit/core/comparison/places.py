@@ -14,7 +14,7 @@ from topokit.core.arrays import Booleans, Floats
 from topokit.core.comparison.cells import FIRST, SECOND
 from topokit.core.comparison.loops import differing_loops
 from topokit.core.comparison.pair import SolidPair
-from topokit.core.comparison.regions import Labels, MatchedRegions
+from topokit.core.comparison.regions import Labels, MatchedRegions, smallest_links
 from topokit.core.grid.grid import Spacing
 
 Box = tuple[slice, ...]
@@ -99,7 +99,7 @@ class Places:
         labels, shift = found.labels[side], found.n_outside
         if not len(surplus := found.unmatched(side)):
             return
-        boxes, between = ndimage.find_objects(labels), np.pad(self._only[filling], shift)
+        boxes, gaps = ndimage.find_objects(labels), smallest_links(np.pad(self._only[filling], shift), labels)
         outside = int(labels.flat[0]) if found.n_outside else 0
         for label in surplus.tolist():
             box = boxes[label - 1]
@@ -107,7 +107,7 @@ class Places:
             how: How = "divided" if found.is_shared(side, label) else "alone"
             if how == "divided" and outside and found.classes[side][label] == found.classes[side][outside]:
                 how = "outside"
-            cause = None if how == "alone" else self._gap(labels, label, box, between, filling)
+            gap = gaps.get(label) if how != "alone" else None
             yield Found(
                 dimension,
                 side,
@@ -116,24 +116,8 @@ class Places:
                 int(own.sum()),
                 self._width(np.pad(own, 1), np.pad(own, 1)),
                 None,
-                None if cause is None else self._in_grid(cause),
+                None if gap is None else self._in_grid(self._only_boxes[filling][gap - 1]),
             )
-
-    def _gap(self, labels: Labels, label: int, box: Box, between: Labels, filling: int) -> Box | None:
-        """The smallest of the regions between a region in a box and another one of the same set."""
-        shift = (labels.shape[0] - self.pair.first.shape[0]) // 2
-        near = _widened(box, 1, labels.shape)
-        touching = between[near][ndimage.binary_dilation(labels[near] == label, _EVERY_NEIGHBOR)]
-        found = []
-        for number in np.unique(touching[touching > 0]).tolist():
-            own = self._only_boxes[filling][number - 1]
-            moved = tuple(slice(one.start + shift, one.stop + shift) for one in own)
-            around = _widened(moved, 1, labels.shape)
-            region = between[around] == number
-            touched = labels[around][ndimage.binary_dilation(region, _EVERY_NEIGHBOR)]
-            if ((touched > 0) & (touched != label)).any():
-                found.append((int(region.sum()), number))
-        return self._only_boxes[filling][min(found)[1] - 1] if found else None
 
     def _cause(self, side: int, kind: str, box: Box) -> tuple[float | None, Box | None]:
         """The width of the region in which a tunnel arises, and its box: the widest one within the box of its loop."""

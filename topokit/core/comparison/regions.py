@@ -12,6 +12,7 @@ that of the outside is the constant.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,12 +95,33 @@ def matched_cavities(solids: Pair, connectivity: int) -> MatchedRegions:
     return _matched((one, other), (classes[: 1 + n_one], second), 1)
 
 
-def overlaps(labels: tuple[Labels, Labels]) -> Integers:
-    """The pairs of labels (P, 2) that share voxels."""
-    common = (labels[0] > 0) & (labels[1] > 0)
-    n_second = int(labels[1].max(initial=0)) + 1
-    codes = np.unique(labels[0][common].astype(np.int64) * n_second + labels[1][common])
-    return np.stack((codes // n_second, codes % n_second), axis=1)
+def smallest_links(between: Labels, labels: Labels) -> dict[int, int]:
+    """For each region that is near another one the smallest region between them that links the two.
+
+    Args:
+        between: (X, Y, Z) labels of regions that may link.
+        labels: (X, Y, Z) labels of the regions that they may link, likewise 0 outside.
+    """
+    near = _neighbors(between, labels)
+    near = near[np.bincount(near[:, 0])[near[:, 0]] > 1]  # regions that are near one alone link nothing
+    sizes = np.bincount(between.ravel())
+    near = near[np.lexsort((near[:, 0], sizes[near[:, 0]]))]
+    linked, first = np.unique(near[:, 1], return_index=True)
+    return dict(zip(linked.tolist(), near[first, 0].tolist(), strict=True))
+
+
+def _neighbors(first: Labels, second: Labels) -> Integers:
+    """The pairs of labels (P, 2) of voxels that are the same or share at least a corner."""
+    one, other = (np.pad(labels, 1) for labels in (first, second))
+    where, n_second = np.flatnonzero(one), int(other.max(initial=0)) + 1
+    own, others = one.ravel()[where].astype(np.int64) * n_second, other.ravel()
+    strides = np.array(one.strides) // one.itemsize
+    codes = []
+    for step in product((-1, 0, 1), repeat=3):
+        near = others[where + int(strides @ step)]
+        codes.append(np.unique(own[near > 0] + near[near > 0]))
+    code = np.unique(np.concatenate(codes))
+    return np.stack((code // n_second, code % n_second), axis=1)
 
 
 def _labeled(mask: Booleans, connectivity: int) -> tuple[Labels, int]:

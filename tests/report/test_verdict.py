@@ -285,7 +285,10 @@ def test_a_likely_integer_says_for_which_widths_and_what_would_show_more() -> No
     assert clean.resolution is not None
     first = clean.text(full=True).splitlines()[0]
     assert f"(likely, for features wider than {clean.resolution:.2g})" in first
-    assert any("8000 points" in reason for reason in clean.reasons)
+    assert clean.advice is not None
+    assert "8000" in clean.advice
+    assert clean.advice not in clean.text()
+    assert clean.text(full=True).endswith(clean.advice)
     noise = 0.02 * torch.randn(points.shape, generator=torch.Generator().manual_seed(0), dtype=points.dtype)
     noisy = tk.from_points(points + noise).report()
     assert noisy.resolution is not None

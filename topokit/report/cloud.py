@@ -16,6 +16,7 @@ from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
+from topokit.report.advice import cloud_advice
 from topokit.report.cloud_wording import (
     check_sentences,
     confidence_sentences,
@@ -42,13 +43,14 @@ from topokit.report.wording import plural, position
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 
 
-def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> TopologyReport:
+def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: str | None = None) -> TopologyReport:
     """The report of samples.
 
     Args:
         name: what was examined.
         notes: sentences about what was found or changed while opening it.
         found: the measurements.
+        advice: what helps where these are unsure, if the representation knows better than the samples.
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
@@ -67,6 +69,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination) -> Topol
         reasons=(*deciding, *notes, *outlier_sentences(found.n_outliers), *others, _curvature_sentence(found)),
         evidence=(estimate, *votes),
         estimate=estimate.value,
+        advice=advice or report.advice,
     )
 
 
@@ -82,6 +85,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
+        advice=cloud_advice(witness, found.samples.n_points, checks),
         reasons=(
             *deciding,
             *others,
@@ -119,6 +123,7 @@ def _open_report(found: Examination) -> TopologyReport:
         found,
         euler=euler,
         verdict=cloud_verdict(checks),
+        advice=cloud_advice(found.witness, found.samples.n_points, checks),
         reasons=(*where, *deciding, *others, *_refusal(found)),
         n_deciding=len(deciding) + len(where),
         components=parts,
@@ -191,6 +196,7 @@ def _without_solid(found: Examination) -> TopologyReport:
         found,
         euler=round(found.part.estimate),
         verdict="unsure",
+        advice=cloud_advice(None, found.samples.n_points),
         reasons=reasons,
         n_deciding=len(reasons),
         components=components,
@@ -203,6 +209,7 @@ def _report(
     *,
     euler: int,
     verdict: Verdict,
+    advice: str | None,
     reasons: tuple[str, ...],
     components: Sequence[SurfaceComponent],
     n_components: int,
@@ -238,6 +245,7 @@ def _report(
         n_deciding=n_deciding,
         confidence=confidence,
         rim_widths=rim_widths,
+        advice=advice,
     )
 
 

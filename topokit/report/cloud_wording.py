@@ -6,9 +6,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from topokit.core.cloud.evidence import Witness
-from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
+from topokit.report.advice import is_noisy
 from topokit.report.confidence import cloud_confidence
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
@@ -151,14 +151,12 @@ def confidence_sentences(witness: Witness, hole: float) -> tuple[str, ...]:
 
 
 def _resolution_sentence(witness: Witness, hole: float) -> str:
-    """Which features the samples show, and how many points would show narrower ones."""
+    """Which features the samples show."""
     seen = (
         f"The samples show tunnels, walls, gaps, cavities and parts wider than {witness.resolution:.2g}, and holes in "
         f"the surface wider than {max(hole, witness.resolution):.2g}"
     )
-    if witness.preparation == "averaged" or witness.quality.roughness > QualitySettings().clean:
-        return f"{seen}; noise hides narrower ones."
-    return f"{seen}; about {4 * witness.n_points} points would show those half as wide."
+    return f"{seen}{'; noise hides narrower ones' if is_noisy(witness) else ''}."
 
 
 def preparation_sentences(witness: Witness) -> tuple[str, ...]:

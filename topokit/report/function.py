@@ -52,7 +52,17 @@ def function_answer(
         reasons=(*deciding, *others),
         n_deciding=len(deciding),
         resolution=2 * found.counts[-3].step,
+        advice=_advice(finest.n_cells, bool(faces), has_distance),
     )
+
+
+def _advice(n_cells: int, reaches_box: bool, has_distance: bool) -> str:
+    """What to change in the call."""
+    if reaches_box:
+        return "Pass larger bounds, or tighter ones if the network invented a sheet outside its training box."
+    if not has_distance:
+        return "Use the values before the last activation, from_occupancy(logits=True), or a signed distance."
+    return f"Pass a resolution of more than {n_cells} cells, or bounds around a part."
 
 
 def _face_names(faces: tuple[tuple[bool, bool], ...], low: Corner, high: Corner) -> list[str]:
@@ -70,10 +80,7 @@ def _reasons(
     """Sentences that decided the verdict, and the others."""
     deciding: list[str] = []
     if faces:
-        deciding.append(
-            f"The level set reaches the box, at {', '.join(faces)}: what is beyond was closed off there. Pass larger "
-            "bounds, or tighter ones if this is a sheet that the network invented outside its training box."
-        )
+        deciding.append(f"The level set reaches the box, at {', '.join(faces)}: what is beyond was closed off there.")
     if not found.has_converged:
         deciding.append(_unsettled(found))
     elif not adds_up:
@@ -81,14 +88,12 @@ def _reasons(
     if found.n_unseen:
         deciding.append(
             f"At {plural(found.n_unseen, 'place')} of the last grid the function reaches its level between grid points "
-            f"that are all on one side: parts thinner than {found.counts[-1].step:.3g} are missed. Pass a larger "
-            "resolution, or bounds around a part."
+            f"that are all on one side: parts thinner than {found.counts[-1].step:.3g} are missed."
         )
     if not has_distance:
         deciding.append(
             f"The function jumps to a constant within {found.first_step:.3g}, a cell of the first grid, so nothing "
-            "tells where parts smaller than that may be. Use the values before the last activation: "
-            "from_occupancy(logits=True), or a signed distance."
+            "tells where parts smaller than that may be."
         )
     share = found.n_evaluations / found.n_vertices
     others = [

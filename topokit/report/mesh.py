@@ -31,7 +31,18 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
         n_deciding=len(deciding),
         flipped=topology.flipped_faces,
         inverted=int(topology.inverted.sum()),
+        advice=_advice(topology, verdict),
     )
+
+
+def _advice(topology: MeshTopology, verdict: Verdict) -> str | None:
+    if not topology.is_manifold:
+        return "shape.defects(), or topokit report --locate, says where the faults are."
+    if topology.is_closed:
+        return None
+    if verdict == "unsure":
+        return "Merge the vertices that are one; topokit report --tolerances shows what that would change."
+    return "shape.fill_boundaries(), or topokit mend --boundaries, closes the mesh."
 
 
 def _deciding(topology: MeshTopology, verdict: Verdict) -> tuple[str, ...]:

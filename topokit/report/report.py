@@ -68,7 +68,7 @@ class CountedAnswer:
         cut_out_euler: as for `TopologyReport`.
         connectivity_density: likewise.
         torus: of a volume that is periodic, what its components do not tell.
-        flipped, inverted: as for `TopologyReport`.
+        flipped, inverted, advice: as for `TopologyReport`.
     """
 
     evidence: Evidence
@@ -87,6 +87,7 @@ class CountedAnswer:
     torus: PeriodicSolid | None = None
     flipped: int | None = None
     inverted: int | None = None
+    advice: str | None = None
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,8 @@ class TopologyReport:
         inverted: closed components of a mesh that point inward without bounding a cavity, or None likewise.
         self_intersections: places where a mesh crosses itself, or None if they were not looked for (`locate`), or
             libigl is not installed.
+        advice: what would help most, to be sure or to see narrower features; None if nothing is known to help. The
+            text ends with it if the verdict is "unsure", or all reasons are given.
     """
 
     name: str
@@ -169,6 +172,7 @@ class TopologyReport:
     flipped: int | None = None
     inverted: int | None = None
     self_intersections: int | None = None
+    advice: str | None = None
 
     @property
     def pieces(self) -> int | None:
@@ -258,6 +262,8 @@ class TopologyReport:
             lines.append(f"  … {more}: report.text(full=True), or topokit report -v")
         lines += [f"  - {line}" for line in feature_lines(self.features, self.doubts, self.placement)]
         lines += [f"  - {place}" for place in (() if self.location is None else self.location.lines())]
+        if self.advice is not None and (full or self.verdict == "unsure"):
+            lines.append(f"  Advice: {self.advice}")
         return "\n".join(map(printable, lines))
 
     def __str__(self) -> str:
@@ -312,6 +318,7 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         connectivity_density=counted.connectivity_density,
         flipped=counted.flipped,
         inverted=counted.inverted,
+        advice=counted.advice,
     )
 
 
@@ -326,11 +333,12 @@ def plain(value: Any) -> Any:
 
 
 def why(report: TopologyReport) -> str:
-    """The first of the reasons that decided the verdict, and where the others are."""
+    """The first of the reasons that decided the verdict, where the others are, and what helps if it is unsure."""
     if report.n_deciding == 0:
         return "Nothing is known about it."
     more = f" report() has {plural(report.n_deciding - 1, 'more reason')}." if report.n_deciding > 1 else ""
-    return f"{report.reasons[0]}{more}"
+    advice = f" {report.advice}" if report.advice is not None and report.verdict == "unsure" else ""
+    return f"{report.reasons[0]}{more}{advice}"
 
 
 def known_euler(report: TopologyReport) -> int:
@@ -360,7 +368,7 @@ def known_genus(report: TopologyReport, *, is_manifold: bool | None = None, cap:
     if is_manifold:
         reason, call = "The surface is one-sided (not orientable).", f"shape.report().euler is {report.euler}."
     elif is_manifold is False:
-        reason, call = why(report), "shape.defects() says where it is not a manifold."
+        reason, call = why(report), "shape.defects() lists the places."
     elif report.boundary_loops:
         reason, call = why(report), "shape.boundaries() gives the curves along which it ends."
     else:

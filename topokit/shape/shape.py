@@ -65,6 +65,7 @@ class Shape:
         n_neighbors: number of nearest neighbors for `curvature`, `gauss_bonnet` and `refined_euler`. None, the default,
             takes 20, or more where the samples are noisy.
         simplification: what `simplify` did, if the shape is its result.
+        advice: what to change in the call that made the shape if its samples give no sure answer.
 
     All but `surface`, `defects` and `certify` are attributes, too; what functions make is made when it is needed.
     """
@@ -75,6 +76,7 @@ class Shape:
     notes: tuple[str, ...]
     n_neighbors: int | None
     simplification: Simplification | None
+    advice: str | None
     _known: Measurements
     _make_surface: Callable[[], TriangleSurface] | None
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
@@ -94,6 +96,7 @@ class Shape:
         notes: tuple[str, ...] = (),
         n_neighbors: int | None = None,
         simplification: Simplification | None = None,
+        advice: str | None = None,
     ) -> None:
         known = Measurements(samples, counted, may_leave_box=field is not None, n_neighbors=n_neighbors, name=name)
         _ = known.samples_so_far  # checked now, if they are known
@@ -104,6 +107,7 @@ class Shape:
             notes=notes,
             n_neighbors=n_neighbors,
             simplification=simplification,
+            advice=advice,
             _known=known,
             _make_surface=surface,
             _find_defects=defects,
@@ -184,6 +188,7 @@ class Shape:
             notes=self.notes,
             n_neighbors=self.n_neighbors,
             simplification=self.simplification,
+            advice=self.advice,
         )
 
     def to(self, *args: Any, **kwargs: Any) -> Self:
@@ -434,4 +439,4 @@ class Shape:
         """The report of the counted answer, or of each batch item's samples."""
         if self.counted is not None:
             return (counted_report(self.name, self.notes, self.counted),)
-        return tuple(cloud_report(self.name, self.notes, found) for found in self._known.examinations())
+        return tuple(cloud_report(self.name, self.notes, found, self.advice) for found in self._known.examinations())

@@ -21,6 +21,10 @@ from topokit.errors import InputError
 from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
 
+_OBJECT_ALONE = (
+    "If the splats are a scene, ask for the object alone: from_splats(object=True), or topokit report --object."
+)
+
 
 @takes_addresses()
 def from_splats(
@@ -97,7 +101,10 @@ def from_splats(
     seed = deferred_seed(generator)
     summary = f"{n_samples or len(kept.splats)} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
     notes = (*kept.notes, summary)
-    return Shape(lambda: _samples(kept, n_samples, seed), name=name, notes=notes, n_neighbors=n_neighbors)
+    advice = None if object or component is not None else _OBJECT_ALONE
+    return Shape(
+        lambda: _samples(kept, n_samples, seed), name=name, notes=notes, n_neighbors=n_neighbors, advice=advice
+    )
 
 
 def write_kept(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import torch
 
 import topokit as tk
 from topokit.batch.examine import COLUMNS
+from topokit.batch.widths import COUNTS, NARROWEST
 from topokit.testing import genus_mesh, icosphere, sphere_samples, torus_mesh
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -134,6 +136,22 @@ def test_details_are_columns(folder: Path) -> None:
     (row,) = tk.survey(folder / "sphere.ply", details=True).rows
     assert abs(row["estimate"] - 2) < 0.5
     assert row["refined"] is not None
+
+
+def test_widths_are_columns_of_rows_tables_and_files(tmp_path: Path) -> None:
+    pytest.importorskip("cripser")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    torus = tk.from_mesh(*torus_mesh(24, 12, major=1.0, minor=0.3))
+    found = tk.survey([torus.replace(name="torus")], features=0.5)
+    (row,) = found
+    assert (row["above_genus"], row["above_tunnels"], row["narrowest_cavity"]) == (1, 1, math.inf)
+    assert row["narrowest_tunnel"] == pytest.approx(0.6, abs=0.05)
+    assert list(found.to_pandas().columns)[-8:] == [*COUNTS, *NARROWEST]
+    found.save_parquet(tmp_path / "rows.parquet")
+    schema = parquet.read_schema(tmp_path / "rows.parquet")
+    assert [str(schema.field(name).type) for name in ("above_genus", "narrowest_part")] == ["int64", "double"]
+    failed = tk.survey(["missing.stl", "also.stl"], features=True)
+    assert all(set(NARROWEST) <= row.keys() for row in failed)
 
 
 def test_a_page_of_all_files(folder: Path) -> None:

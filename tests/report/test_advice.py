@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -9,8 +10,9 @@ import torch
 from witnesses import a_wire, a_witness
 
 import topokit as tk
-from topokit.core.cloud.given import Signs
+from topokit.core.cloud.given_normals import Signs
 from topokit.report.advice import cloud_advice
+from topokit.report.report import known_genus
 from topokit.report.verdict import Check
 from topokit.testing import torus_samples
 
@@ -56,13 +58,12 @@ def test_splats_of_a_scene_are_advised_to_keep_the_object_alone() -> None:
     points = torch.randn(count, 3, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     upright = torch.tensor([1.0, 0, 0, 0]).double().expand(count, 4)
     scene = tk.GaussianSplats(points, torch.full_like(points, 0.1), upright, torch.ones(count).double())
-    shape = tk.from_splats(scene)
-    assert shape.report().verdict == "unsure"
+    report = tk.from_splats(scene).report()
+    assert report.verdict == "unsure"
     with pytest.raises(tk.GenusError, match="--object"):
-        shape.genus(cap=False)
-    assert "--object" in shape.report().text().splitlines()[-1]
-    chosen = tk.from_splats(scene, component="largest")
-    assert "--object" not in chosen.report().text()
+        known_genus(replace(report, genus=None))
+    assert "--object" in report.text().splitlines()[-1]
+    assert tk.from_splats(scene, component="largest").advice is None
 
 
 def test_meshes_with_faults_name_the_call_that_finds_them_and_open_ones_that_which_closes_them() -> None:
@@ -74,10 +75,3 @@ def test_meshes_with_faults_name_the_call_that_finds_them_and_open_ones_that_whi
     triangle = tk.from_mesh(vertices, torch.tensor([[0, 1, 2]])).report()
     assert (triangle.verdict, "fill_boundaries()" in str(triangle.advice)) == ("certain", True)
     assert str(triangle.advice) not in triangle.text()
-
-
-def test_functions_name_the_option_that_would_settle_them() -> None:
-    ball = tk.from_sdf(lambda x: x.norm(dim=1) - 1.2, bounds=(-1, 1), resolution=128).report()
-    assert (ball.verdict, "bounds" in str(ball.advice)) == ("unsure", True)
-    step = tk.from_sdf(lambda x: (x.norm(dim=1) - 0.7).sign(), bounds=(-1, 1), resolution=128).report()
-    assert "logits=True" in step.text().splitlines()[-1]

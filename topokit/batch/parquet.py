@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import islice
 from typing import Any
 
 from topokit.batch.examine import COLUMNS, Row
 from topokit.batch.names import name_as_data
+from topokit.batch.widths import NARROWEST
 from topokit.errors import MissingDependencyError
 from topokit.inputs.writing import completed_file
 from topokit.text import as_unicode
@@ -16,11 +17,11 @@ from topokit.text import as_unicode
 _GROUP = 4096  # rows that are held in memory, and read together later
 _TEXTS = ("file", "adapter", "verdict", "reason", "error")
 _FLAGS = ("closed", "manifold")
-_NUMBERS = ("confidence", "resolution", "estimate", "refined", "seconds")  # all others are integers
+_NUMBERS = ("confidence", "resolution", "estimate", "refined", "seconds", *NARROWEST)  # all others are integers
 
 
-def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str]) -> None:
-    """Write rows under the names of `COLUMNS`, with the same types whatever is in them; None is null.
+def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str], columns: Sequence[str] = COLUMNS) -> None:
+    """Write rows under the names of columns, with the same types whatever is in them; None is null.
 
     Raises:
         MissingDependencyError: if pyarrow is not installed.
@@ -31,7 +32,7 @@ def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str]) -> None:
         from pyarrow.parquet import ParquetWriter
     except ImportError as error:
         raise MissingDependencyError('Writing Parquet needs pyarrow: pip install "topokit[cluster]".') from error
-    schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in COLUMNS])
+    schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in columns])
     coming = map(_portable, rows)
     with completed_file(path) as unfinished, ParquetWriter(unfinished, schema) as writer:
         while group := list(islice(coming, _GROUP)):

@@ -16,6 +16,7 @@ from topokit.batch.journal import Journal, plain_options, stamps_of
 from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.names import name_as_data, names_in_common_folder
 from topokit.batch.sources import Paths, Sources, find_sources
+from topokit.batch.widths import width_columns
 from topokit.batch.workers import examine_each, in_order
 from topokit.ending import written_whole
 from topokit.errors import InputError, MissingDependencyError
@@ -40,8 +41,10 @@ class Survey:
     with the same keys for every file and plain values, None where something is unknown: `file`, `label`, `adapter`,
     `verdict`, `confidence`, `euler`, `genus`, `components`, `pieces`, `tunnels`, `cavities`, `solid_euler`,
     `boundary_loops`, `closed`, `manifold`, `flipped`, `inverted`, `self_intersections`, `resolution`, `estimate`,
-    `refined`, `reason`, `seconds`, `error`. So `survey.to_pandas()` or `polars.DataFrame(survey.rows)` is a table. A
-    file that could not be examined has a row, too, with its `error`.
+    `refined`, `reason`, `seconds`, `error`; with `features` also `narrowest_part`, `narrowest_tunnel` and
+    `narrowest_cavity`, infinite if there is none, and of a width the counts `above_pieces`, `above_tunnels`,
+    `above_cavities`, `above_euler` and `above_genus`. So `survey.to_pandas()` or `polars.DataFrame(survey.rows)` is a
+    table. A file that could not be examined has a row, too, with its `error`.
 
     Attributes:
         files: names of the files and shapes, in order.
@@ -60,6 +63,7 @@ class Survey:
         self.files = tuple(source.name for source in sources.sources)
         self.passed_over = sources.passed_over
         self._sources, self._questions = sources.sources, questions
+        self._columns = (*COLUMNS, *width_columns(questions.asked.get("features", False)))
         self._workers = jobs, limits, client
         self._journal = journal
         self._stamps = {} if journal is None else stamps_of(sources.sources)
@@ -109,7 +113,7 @@ class Survey:
             import pandas
         except ImportError as error:
             raise MissingDependencyError("to_pandas needs pandas: pip install pandas.") from error
-        return pandas.DataFrame(self.rows, columns=list(COLUMNS))
+        return pandas.DataFrame(self.rows, columns=list(self._columns))
 
     @property
     def rows(self) -> list[Row]:
@@ -152,7 +156,7 @@ class Survey:
         """
         from topokit.batch.parquet import write_parquet
 
-        write_parquet(self._in_order(), path)
+        write_parquet(self._in_order(), path, self._columns)
 
     def summary(self) -> SurveySummary:
         """Shares of verdicts and of closed and manifold shapes, histograms of genus and components."""
@@ -176,6 +180,7 @@ class Survey:
         return {number: [row | {"file": name} for row in records[name]] for number, name in known}
 
     def _keep(self, number: int, rows: list[Row]) -> None:
+        rows = [dict.fromkeys(self._columns) | row for row in rows]
         self._rows[number] = rows
         if self._journal is not None:
             from topokit.report.report import plain
@@ -199,6 +204,7 @@ def survey(
     adapter: str | None = None,
     labels: Literal["all"] | Sequence[int] | None = None,
     details: bool = False,
+    features: bool | float = False,
     **options: Any,
 ) -> Survey:
     """Examine many files or shapes: one row for each, whatever happens.
@@ -223,6 +229,7 @@ def survey(
         adapter: name of the adapter to use; by content and suffix by default.
         labels: examine each label of labeled volumes as a shape of its own: "all" or a list of them.
         details: as for `Shape.report`.
+        features: likewise. True adds the columns of the narrowest features, a width also the counts above it.
         options: of the adapters, as for `topokit.load`; a `generator` is used for every file from its seed on.
 
     Returns:
@@ -249,11 +256,12 @@ def survey(
             raise InputError(f"{name} must be positive, not {limit}.")
     if hasattr(options.get("generator"), "initial_seed"):
         options["generator"] = options["generator"].initial_seed()
-    questions = Questions(Options(adapter, options), labels, {"details": details})
+    questions = Questions(Options(adapter, options), labels, {"details": details, "features": features})
     journal = None
     if resume is not None:
-        given = plain_options(adapter, options, labels=labels, details=details)
-        journal = Journal(Path(resume), given, COLUMNS, several=labels is not None, retries=retry_failed)
+        given = plain_options(adapter, options, labels=labels, details=details, features=features)
+        columns = (*COLUMNS, *width_columns(features))
+        journal = Journal(Path(resume), given, columns, several=labels is not None, retries=retry_failed)
     sources = find_sources(paths, adapter)
     _require_something(paths, sources)
     in_memory = [source for source in sources.sources if source.shape is not None]

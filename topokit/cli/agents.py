@@ -88,13 +88,17 @@ def handles(path: str, level: float | None = None, label: int | None = None, mos
 
     Returns:
         For each handle the lengths of the loops around it and around its tunnel, its center and its bounding box, in
-        units of the file.
+        coordinates and units of the file.
     """
+    from topokit.shape.locate import located_handles
+
     shape = _opened(path, level, label)
-    if (genus := shape.report().genus or 0) > most:
+    found = shape.report()
+    if (genus := found.genus or 0) > most:
         raise InputError(f"{path} has {genus} handles, more than {most}: pass a larger `most`.")
     names = ("handle_length", "tunnel_length", "center", "bounds")
-    return [{name: getattr(one, name) for name in names} for one in shape.handles()]
+    located = (one.in_file(found.placement) for one in located_handles(shape.handles()))
+    return [{name: getattr(one, name) for name in names} for one in located]
 
 
 def mend(path: str, output: str, fill: bool = True, below: float | None = None) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from topokit.cli.comparing import compare
 from topokit.cli.encoding import PrintableErrors, use_encodable_letters
 from topokit.cli.options import Given, Opener, described_options
 from topokit.cli.request import Output, Request, Resume
-from topokit.cli.single import clean, curvature, curve, handles, mend, picture, show_tolerances
+from topokit.cli.single import clean, curvature, curve, handles, mend, picture, show_tolerances, surface
 from topokit.cli.writers import (
     CsvWriter,
     Form,
@@ -223,7 +223,7 @@ def _print_number(
     answer_files(files, opener, request, writer, check=check)
 
 
-for command in (clean, compare, curvature, picture, handles, mend, curve):
+for command in (clean, compare, curvature, picture, surface, handles, mend, curve):
     app.command()(command)
 
 

@@ -165,7 +165,8 @@ def handles(
 ) -> None:
     """One line per handle, smallest first: lengths around the handle and around the tunnel, and the center (tabs).
 
-    Of several files, the name follows in the same line. Standard error says how many handles each file has.
+    Of several files, the name follows in the same line. Standard error says how many handles each file has. Centers
+    and loops are in the coordinates of the file; in JSON those of volumes are "place", as in reports.
     """
     several: list[dict[str, Any]] = []
 
@@ -175,21 +176,22 @@ def handles(
         from topokit.report.report import plain
         from topokit.shape.locate import located_handles
 
-        genus, counted = shape.report().genus or 0, shape.counted
+        genus, placement = shape.report().genus or 0, shape.report().placement
         if genus > most:
             raise InputError(
                 f"{source.path} has {genus} handles, more than {most}; locating so many takes minutes. Pass "
                 f"--most {genus}, or remove narrow ones first (topokit mend)."
             )
-        found = located_handles(shape.handles(), None if counted is None else counted.placement)
+        found = located_handles(shape.handles(), placement)
+        in_file = tuple(one.in_file(placement) for one in found)
         say(f"{source.name}: {plural(len(found), 'handle')}.")
         if output is not None:
-            save_loops(Location(found, (), (), ()), output)
+            save_loops(Location(in_file, (), (), ()), output)
         rows: list[dict[str, Any]] = plain(found)
         several.extend(row if is_single else {"file": name_as_data(source.name)} | row for row in rows)
         if as_json:
             return ""
-        numbers = ((row["handle_length"], row["tunnel_length"], *row["center"]) for row in rows)
+        numbers = ((one.handle_length, one.tunnel_length, *one.center) for one in in_file)
         name = [] if is_single else [printable(source.name)]
         return "\n".join("\t".join([*(f"{number:.6g}" for number in line), *name]) for line in numbers)
 
@@ -258,6 +260,25 @@ def curve(
 
     if _ask([file], format, replace(opener, needs_level=False), answer, output):
         raise typer.Exit(1)
+
+
+@takes_bundles
+def surface(
+    file: Annotated[str, _SHAPE],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Mesh to write: .stl, .ply, .obj, .off or .glb.")],
+    given: Given,
+    format: Format = None,
+) -> None:
+    """Write the closed surface that the report is about as a mesh, in the coordinates of the file."""
+
+    def write(shape: Shape) -> str:
+        from topokit.repair.files import save_surface
+
+        n_vertices, n_faces = save_surface(shape, output)
+        found = shape.report()
+        return f"{n_vertices} vertices and {n_faces} faces, χ = {found.euler} ({found.verdict})"
+
+    _convert(file, output, format, given.opener(), write)
 
 
 def _convert(file: str, output: Path, format: str | None, opener: Opener, write: Callable[[Shape], str]) -> None:

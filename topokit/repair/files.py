@@ -21,9 +21,7 @@ MESHES = (".stl", ".ply", ".obj", ".off", ".glb")
 
 def save(shape: Shape, path: str | os.PathLike[str]) -> None:
     """Write a mesh or a volume; see `Shape.save`."""
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise InputError(f"{target}: the folder {target.parent} does not exist.")
+    target = _in_folder(path)
     if shape.mesh is not None:
         suffix = _suffix(target, MESHES, f"{shape.name} is a mesh")
         with completed_file(target) as unfinished:
@@ -38,6 +36,38 @@ def save(shape: Shape, path: str | os.PathLike[str]) -> None:
             f"{shape.name} is neither a mesh nor a volume in memory. Write shape.surface() by its export(path), or "
             "samples by save_ply."
         )
+
+
+def save_surface(shape: Shape, path: str | os.PathLike[str]) -> tuple[int, int]:
+    """Write the closed surface of a shape as a mesh, in the coordinates of the shape's file.
+
+    Args:
+        shape: with a closed surface; see `Shape.surface`.
+        path: file to write, called .stl, .ply, .obj, .off or .glb.
+
+    Returns:
+        Numbers of its vertices and faces.
+
+    Raises:
+        InputError: if there is no closed surface, the file is called otherwise or its folder does not exist.
+    """
+    target = _in_folder(path)
+    suffix = _suffix(target, MESHES, "a surface is a mesh")
+    mesh, placement = shape.surface(), shape.report().placement
+    if placement is not None:
+        mesh.vertices = placement.in_file(mesh.vertices)
+        if placement.is_mirrored:
+            mesh.invert()
+    with completed_file(target) as unfinished:
+        mesh.export(unfinished, file_type=suffix[1:])
+    return len(mesh.vertices), len(mesh.faces)
+
+
+def _in_folder(path: str | os.PathLike[str]) -> Path:
+    target = Path(path)
+    if not target.parent.is_dir():
+        raise InputError(f"{target}: the folder {target.parent} does not exist.")
+    return target
 
 
 def _suffix(path: Path, known: tuple[str, ...], what: str) -> str:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
+
+import numpy as np
 
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
 from topokit.core.grid.placement import Index, Placement
+from topokit.core.loops import bounds_of
 from topokit.report.wording import plural, position
 
 Box = tuple[Corner, Corner]
@@ -100,6 +103,15 @@ class LocatedHandle:
     place: Place | None
     handle_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
     tunnel_loop: Floats = field(repr=False, metadata=NOT_IN_JSON)
+
+    def in_file(self, placement: Placement | None) -> LocatedHandle:
+        """The handle of a volume in the coordinates of its file, as `place` has them; any other as it is."""
+        if placement is None:
+            return self
+        loops = placement.in_file(self.handle_loop), placement.in_file(self.tunnel_loop)
+        x, y, z = placement.in_file(np.array(self.center)).tolist()
+        box = bounds_of(np.concatenate(loops))
+        return replace(self, center=(x, y, z), bounds=box, handle_loop=loops[0], tunnel_loop=loops[1])
 
 
 @dataclass(frozen=True, eq=False)

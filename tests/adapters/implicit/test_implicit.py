@@ -180,6 +180,7 @@ def test_box_that_cuts_the_surface_is_named() -> None:
     report = tk.from_sdf(lambda x: x[:, :2].norm(dim=1) - 0.5, bounds=BOX, **ROUGH).report()
     assert (report.verdict, report.closed, report.genus is None) == ("unsure", False, False)
     assert any("z = -1, z = 1" in reason and "x = " not in reason for reason in report.reasons)
+    assert "bounds" in report.text().splitlines()[-1]
 
 
 @pytest.mark.parametrize(

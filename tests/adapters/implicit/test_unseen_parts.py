@@ -70,6 +70,7 @@ def test_a_floater_that_a_steep_occupancy_hides_is_not_likely_missing(radius: fl
     report = tk.from_occupancy(steep(with_floater(radius, seed), slope), **ROUGH).report()
     assert report.verdict == "unsure"
     assert "jumps to a constant within 0.0156" in report.reasons[report.n_deciding - 1]
+    assert "logits=True" in str(report.advice)
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])

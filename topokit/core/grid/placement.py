@@ -60,10 +60,21 @@ class Placement:
         """A point in the coordinates of the shape in those of the file; None if the file says nothing about them."""
         if self.affine is None:
             return None
-        affine = np.asarray(self.affine)
-        x, y, z = (affine[:3, :3] @ self._index(point) + affine[:3, 3]).tolist()
+        x, y, z = self.in_file(np.asarray(point, dtype=float)).tolist()
         return x, y, z
 
-    def _index(self, point: Sequence[float]) -> Floats:
+    def in_file(self, points: Floats) -> Floats:
+        """Points (…, 3) in the coordinates of the shape in those of the file, which are the same if it says nothing."""
+        if self.affine is None:
+            return points
+        affine = np.asarray(self.affine)
+        return self._index(points) @ affine[:3, :3].T + affine[:3, 3]
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the file's coordinates are a mirror image of those of the shape, so that faces have to be turned."""
+        return self.affine is not None and bool(np.linalg.det(np.asarray(self.affine)[:3, :3]) < 0)
+
+    def _index(self, point: Sequence[float] | Floats) -> Floats:
         index: Floats = (np.asarray(point, dtype=float) - self.origin) / self.spacing
         return index

@@ -31,7 +31,7 @@ def test_a_cloud_cut_by_a_plane_is_open(with_normals: bool) -> None:
     )
     assert 0.3 < low[0] <= high[0] <= 0.6  # beside the cutting plane
     with pytest.raises(InputError, match="no closed surface"):
-        shape.surface()
+        _ = shape.volume
 
 
 def test_what_is_cut_off_must_be_larger_than_gaps_between_samples() -> None:

@@ -17,7 +17,7 @@ import topokit as tk
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.shape.surface import checked_surface
-from topokit.testing import genus_mesh, hemisphere_samples, icosphere, shell_mesh, torus_mesh, torus_samples
+from topokit.testing import genus_mesh, icosphere, shell_mesh, sphere_samples, torus_mesh, torus_samples
 from topokit.testing.meshes import Mesh
 
 MESHES = {"sphere": icosphere(2), "torus": torus_mesh(20, 10), "genus 4": genus_mesh(4, 12), "shell": shell_mesh(2)}
@@ -107,9 +107,20 @@ def test_the_surface_of_a_cloud_joins_its_points() -> None:
         assert all(tuple(vertex) in given_points for vertex in surface.vertices.tolist())
 
 
-def test_open_clouds_have_no_closed_surface() -> None:
+def test_the_surface_of_an_open_cloud_ends_at_its_rims() -> None:
+    ball = sphere_samples(1200).points
+    belt = tk.from_points(ball[ball[:, 2].abs() < 0.7])
+    surface, report = belt.surface(), belt.report()
+    assert (report.closed, report.euler, report.boundary_loops) == (False, 0, 2)
+    again = tk.from_mesh(surface).report()
+    assert (again.euler, again.components, again.boundary_loops, again.flipped) == (0, 1, 2, 0)
+    assert (surface.face_normals * surface.triangles_center).sum(axis=1).min() > 0
+    assert surface.area == pytest.approx(4 * np.pi * 0.7, rel=0.1)  # Archimedes: as much as the cylinder around it
     with pytest.raises(InputError, match="has no closed surface"):
-        tk.from_points(hemisphere_samples(1200).points).surface()
+        belt.handles()
+
+
+def test_points_in_a_plane_have_no_surface() -> None:
     flat = torch.rand(200, 3, generator=torch.Generator().manual_seed(0)) * torch.tensor([1.0, 1.0, 0.0])
     with pytest.raises(InputError, match="has no closed surface"):
         tk.from_points(flat).surface()

@@ -269,7 +269,7 @@ def surface(
     given: Given,
     format: Format = None,
 ) -> None:
-    """Write the closed surface that the report is about as a mesh, in the coordinates of the file."""
+    """Write the surface that the report is about as a mesh, in the coordinates of the file."""
 
     def write(shape: Shape) -> str:
         from topokit.repair.files import save_surface

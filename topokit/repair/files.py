@@ -39,17 +39,17 @@ def save(shape: Shape, path: str | os.PathLike[str]) -> None:
 
 
 def save_surface(shape: Shape, path: str | os.PathLike[str]) -> tuple[int, int]:
-    """Write the closed surface of a shape as a mesh, in the coordinates of the shape's file.
+    """Write the surface of a shape as a mesh, in the coordinates of the shape's file.
 
     Args:
-        shape: with a closed surface; see `Shape.surface`.
+        shape: with a surface; see `Shape.surface`.
         path: file to write, called .stl, .ply, .obj, .off or .glb.
 
     Returns:
         Numbers of its vertices and faces.
 
     Raises:
-        InputError: if there is no closed surface, the file is called otherwise or its folder does not exist.
+        InputError: if there is no surface, the file is called otherwise or its folder does not exist.
     """
     target = _in_folder(path)
     suffix = _suffix(target, MESHES, "a surface is a mesh")

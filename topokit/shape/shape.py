@@ -33,7 +33,7 @@ from topokit.shape.levels import euler_curve
 from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
 from topokit.shape.mending import enforce, fill_boundaries, goal, save, simplify
-from topokit.shape.surface import boundary_of, closed_surface
+from topokit.shape.surface import boundary_of, surface_with_rims
 from topokit.text import no_attribute
 
 if TYPE_CHECKING:
@@ -318,18 +318,19 @@ class Shape:
         return self._with(outward_samples(self.samples, self.curvature().normals, found), self.mesh)
 
     def surface(self) -> trimesh.Trimesh:
-        """The closed surface as triangles, facing outward, with V − E + F equal to `report().euler`.
+        """The surface as triangles, facing outward, with V − E + F equal to `report().euler`.
 
-        The surface is checked before it is returned: every edge has two faces, every vertex one fan, and the count is
-        the reported one. Vertices are not differentiable.
+        It is closed, or that of an open cloud, which ends at its rims. It is checked before it is returned: every edge
+        has two faces, or one at a rim, every vertex one fan, and the counts are the reported ones. Vertices are not
+        differentiable.
 
         Raises:
-            InputError: if the surface is open or not a manifold, or no closed surface with the reported integer was
-                found; the message says which.
+            InputError: if an open mesh or level set was given, or no surface with the reported numbers was found; the
+                message says which.
         """
         from topokit.export.trimesh import as_trimesh
 
-        return as_trimesh(closed_surface(self))
+        return as_trimesh(surface_with_rims(self))
 
     def boundaries(self) -> tuple[BoundaryLoop, ...]:
         """The curves along which the surface ends, longest first; none if it is closed.

@@ -49,6 +49,34 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
     return TriangleSurface(surface.vertices, topology.faces)
 
 
+def surface_with_rims(shape: Shape) -> TriangleSurface:
+    """The surface that a shape's report is about: closed, or that of an open cloud without the lids over its holes.
+
+    Raises:
+        InputError: as for `checked_surface`; or if what is left of an open cloud is no manifold with the reported
+            numbers.
+    """
+    report = shape.report()
+    if report.closed or shape.counted is not None:
+        return checked_surface(report, found_surface(shape))
+    witness, found = shape._known.examination().witness, found_surface(shape)
+    if witness is None or found is None or not witness.lids:
+        return checked_surface(report, None)
+    rows = np.concatenate([patch.facets for patch in witness.lids])
+    faces = np.delete(mesh_topology(found.vertices, found.faces).faces, rows, axis=0)
+    topology = mesh_topology(found.vertices, faces)
+    counted = topology.euler, len(topology.components), topology.boundary_loops
+    expected = report.euler, report.components, report.boundary_loops
+    if not topology.is_manifold or counted != expected:
+        kind = "a manifold" if topology.is_manifold else "no manifold"
+        raise InputError(
+            f"{report.name}: without the lids over its holes, the surface that was found is {kind} with χ, components "
+            f"and boundary loops {counted}, but {expected} are reported ({report.verdict}), so it is not given. "
+            f"{why(report)}"
+        )
+    return TriangleSurface(found.vertices, faces).compact()
+
+
 def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:
     """The curves along which a shape's surface ends, longest first; see `Shape.boundaries`.
 

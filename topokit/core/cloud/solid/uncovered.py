@@ -26,10 +26,12 @@ class UncoveredPatch:
     Attributes:
         missing: its area in squared local spacings: about as many samples would be expected there.
         samples: (M,), indices of the samples at its corners.
+        facets: (L,), rows of the cut's separating facets, which are the faces of its `CutSurface`.
     """
 
     missing: float
     samples: Integers
+    facets: Integers
 
 
 def uncovered_patches(
@@ -60,8 +62,9 @@ def uncovered_patches(
     patch = _across_edges(facets[found])
     missing = np.bincount(patch, complex_.facet_area[tetrahedron[found], corner[found]])
     return tuple(
-        UncoveredPatch(float(missing[number]), np.unique(facets[found[patch == number]]))
+        UncoveredPatch(float(missing[number]), np.unique(facets[rows]), rows)
         for number in np.argsort(-missing, kind="stable")
+        for rows in (found[patch == number],)
     )
 
 

@@ -37,8 +37,10 @@ def test_an_agent_asks_about_files_and_mends_one(tmp_path: Path) -> None:
     volume = np.zeros((12, 12, 12))
     volume[2:10, 2:10, 2:10], volume[5:7, 5:7] = 9, 0
     np.save(tmp_path / "volume.npy", volume)
-    two, thin, open_file, volume_file = (
-        str(tmp_path / name) for name in ("two.off", "thin.off", "torn.off", "volume.npy")
+    volume[5:7, 5:7, 5:7] = 9
+    np.save(tmp_path / "plugged.npy", volume)
+    two, thin, open_file, volume_file, plugged = (
+        str(tmp_path / name) for name in ("two.off", "thin.off", "torn.off", "volume.npy", "plugged.npy")
     )
     mended, filled = str(tmp_path / "mended.stl"), str(tmp_path / "filled.ply")
     tools, answers = asyncio.run(
@@ -47,7 +49,8 @@ def test_an_agent_asks_about_files_and_mends_one(tmp_path: Path) -> None:
                 ("report", {"path": two, "locate": True}),
                 ("report", {"path": volume_file, "level": 4.5}),
                 ("handles", {"path": two}),
-                ("compare", {"path": two, "other": thin}),
+                ("compare", {"path": plugged, "truth": volume_file, "level": 4.5}),
+                ("compare", {"path": two, "truth": two}),
                 ("mend", {"path": thin, "output": mended, "below": 1.0}),
                 ("mend", {"path": open_file, "output": filled}),
                 ("mend", {"path": open_file, "output": filled}),
@@ -57,13 +60,14 @@ def test_an_agent_asks_about_files_and_mends_one(tmp_path: Path) -> None:
         )
     )
     assert tools == ["report", "handles", "mend", "compare"]
-    report, solid, handles, comparison, simplified, closed, *refused = answers
+    report, solid, handles, comparison, itself, simplified, closed, *refused = answers
     assert (report["genus"], report["verdict"], report["closed"]) == (2, "certain", True)
     assert report["text"].count("around the tunnel") == 2
     assert (solid["pieces"], solid["tunnels"], solid["cavities"]) == (1, 1, 0)
     assert [set(one) for one in handles["result"]] == [{"handle_length", "tunnel_length", "center", "bounds"}] * 2
-    assert (comparison["same"], comparison["second"]["genus"]) == (False, 1)
-    assert {"genus", "euler", "tunnels"} <= set(comparison["differing"])
+    assert (comparison["same"], comparison["missing"], comparison["betti_b"]) == (False, [0, 1, 0], [1, 1, 0])
+    assert [(one["kind"], one["center"]) for one in comparison["features"]] == [("filled tunnel", [5.5, 5.5, 5.5])]
+    assert (itself["same"], itself["matched"], itself["features"]) == (True, [1, 2, 0], [])
     assert (simplified["before"]["genus"], simplified["after"]["genus"], tk.genus(mended)) == (1, 0, 0)
     assert (closed["before"]["closed"], closed["after"]["closed"], tk.report(filled).closed) == (False, True, True)
     for text, expected in zip(refused, ("a new file", "more than 1", "does not exist"), strict=True):

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from topokit.batch.examine import report_row
-from topokit.errors import InputError, MissingDependencyError, TopokitError
+from topokit.errors import InputError, TopokitError, requiring
+from topokit.pairs.compare import compare as compared
 from topokit.plugins.registry import load
 
 if TYPE_CHECKING:
@@ -31,10 +32,8 @@ def make_server() -> MCPServer:
     Raises:
         MissingDependencyError: if mcp is not installed.
     """
-    try:
+    with requiring('topokit mcp needs mcp: pip install "topokit[mcp]".'):
         from mcp.server.mcpserver import MCPServer
-    except ImportError as error:
-        raise MissingDependencyError('topokit mcp needs mcp: pip install "topokit[mcp]".') from error
     from topokit import __version__
 
     server: MCPServer = MCPServer("topokit", instructions=_INSTRUCTIONS, version=__version__, log_level="WARNING")
@@ -125,22 +124,25 @@ def mend(path: str, output: str, fill: bool = True, below: float | None = None) 
     return {"before": _numbers(before), "after": _numbers(after), "file": str(target)}
 
 
-def compare(path: str, other: str, level: float | None = None, label: int | None = None) -> dict[str, Any]:
-    """Whether two shapes have the same topology, and in which numbers they differ.
+def compare(
+    path: str, truth: str, level: float | None = None, label: int | None = None, most: int = 20
+) -> dict[str, Any]:
+    """Which parts, tunnels and cavities of a shape match the truth, which are missing or spurious, and where.
 
     Args:
-        path: of the first shape.
-        other: of the second.
-        level: of both, as for report.
-        label: of both, as for report.
+        path: of the shape that is judged.
+        truth: of the true one: a volume on the same grid, or a closed surface in the same frame.
+        level: of two volumes, as for report.
+        label: of two volumes, as for report.
+        most: places that are given.
 
     Returns:
-        Both sets of numbers, and the names of those that differ.
+        The numbers of both, each of parts, tunnels and cavities, the first places in which they differ, and a text.
     """
-    first, second = (_numbers(_opened(one, level, label)) for one in (path, other))
-    judged = ("verdict", "confidence")
-    differing = [name for name in first if name not in judged and first[name] != second[name]]
-    return {"same": not differing, "differing": differing, "first": first, "second": second}
+    found = compared(path, truth, level=level, label=label)
+    names = ("error", "kind", "center", "bounds", "width", "length", "volume")
+    features = [{name: getattr(one, name) for name in names} for one in found.features[:most]]
+    return found.to_dict(places=False) | {"same": found.is_same, "features": features, "text": found.text()}
 
 
 _NUMBERS = (

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from topokit.batch.sources import Source
 from topokit.batch.widths import width_values
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from topokit.shape import Shape
 
 Row = dict[str, Any]
+Found = TypeVar("Found", bound="Answer")
 
 COLUMNS = (
     "file",
@@ -118,25 +119,48 @@ def examine(source: Source, questions: Questions) -> list[Answer]:
 
     Whatever is raised, other than an interrupt, becomes an answer with an error.
     """
+
+    def failed(error: TopokitError, seconds: float) -> Answer:
+        error.rename(str(source.path), source.name)
+        return failure(source, questions.options.worded(error), seconds)
+
+    return timed_answers(source, _answers(source, questions), "examined", failed)
+
+
+def timed_answers(
+    source: Source, answers: Iterator[Found], done: str, failed: Callable[[TopokitError, float], Found]
+) -> list[Found]:
+    """Answers with the seconds that each took; what is raised becomes the last one.
+
+    Args:
+        source: what the answers are about.
+        answers: found one by one.
+        done: what was to be done with the source, for the message of an error that is not our own.
+        failed: the answer of an error, after some seconds.
+    """
     import topokit.shape  # noqa: F401  (torch is imported before the clock starts)
 
-    answers: list[Answer] = []
+    found: list[Found] = []
     started = time.perf_counter()
     try:
         if source.problem is not None:
             raise InputError(source.problem)
-        with _opened(source, questions) as (adapter, shapes):
-            for label, shape in shapes:
-                with foreign_code(f"{source.path} could not be examined"):  # samples and counts are made only now
-                    answer = _answer(shape, questions)
-                seconds = time.perf_counter() - started
-                known = {"file": source.name, "label": label, "adapter": adapter, "seconds": seconds}
-                answers.append(replace(answer, row=answer.row | known))
+        with foreign_code(f"{source.path} could not be {done}"):
+            for answer in answers:
+                answer.row["seconds"] = time.perf_counter() - started
+                found.append(answer)
                 started = time.perf_counter()
     except TopokitError as error:
-        error.rename(str(source.path), source.name)
-        answers.append(failure(source, questions.options.worded(error), time.perf_counter() - started))
-    return answers
+        found.append(failed(error, time.perf_counter() - started))
+    return found
+
+
+def _answers(source: Source, questions: Questions) -> Iterator[Answer]:
+    """The answer about each shape of a source."""
+    with _opened(source, questions) as (adapter, shapes):
+        for label, shape in shapes:
+            answer = _answer(shape, questions)  # samples and counts are made only now
+            yield replace(answer, row=answer.row | {"file": source.name, "label": label, "adapter": adapter})
 
 
 def _answer(shape: Shape, questions: Questions) -> Answer:

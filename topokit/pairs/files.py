@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from topokit.batch.examine import Answer, Row
+from topokit.batch.examine import Answer, Row, timed_answers
 from topokit.batch.sources import Source
 from topokit.errors import InputError, TopokitError
-from topokit.plugins.foreign_code import foreign_code
 
 if TYPE_CHECKING:
     from topokit.comparison.result import Comparison
@@ -86,22 +84,12 @@ def compare_files(source: Source, questions: PairQuestions) -> list[PairAnswer]:
 
     Whatever is raised, other than an interrupt, becomes an answer with an error.
     """
-    import topokit.shape  # noqa: F401  (torch is imported before the clock starts)
 
-    answers: list[PairAnswer] = []
-    started = time.perf_counter()
-    try:
-        if source.problem is not None:
-            raise InputError(source.problem)
-        with foreign_code(f"{source.name} could not be compared"):
-            for label, found in _compared(source, questions):
-                answer = _answer(source.name, label, found, questions)
-                answers.append(answer)
-                answer.row["seconds"] = time.perf_counter() - started
-                started = time.perf_counter()
-    except TopokitError as error:
-        answers.append(failure(source, questions.worded(error), time.perf_counter() - started))
-    return answers
+    def failed(error: TopokitError, seconds: float) -> PairAnswer:
+        return failure(source, questions.worded(error), seconds)
+
+    answers = (_answer(source.name, label, found, questions) for label, found in _compared(source, questions))
+    return timed_answers(source, answers, "compared", failed)
 
 
 def failure(source: Source, problem: str, seconds: float | None = None) -> PairAnswer:
@@ -115,14 +103,15 @@ def after_death(source: Source, how: str) -> list[PairAnswer]:
     return [failure(source, f"{how}.")]
 
 
-def _compared(source: Source, questions: PairQuestions) -> Iterable[tuple[int | None, Comparison]]:
+def _compared(source: Source, questions: PairQuestions) -> Iterator[tuple[int | None, Comparison]]:
     """The comparisons of a pair by their labels."""
     from topokit.pairs.compare import compare, compare_labels
 
     truth = source.beside[0]
     if questions.labels is None:
-        return [(None, compare(source.path, truth, **questions.options))]
-    return compare_labels(source.path, truth, questions.labels, **questions.options).items()
+        yield None, compare(source.path, truth, **questions.options)
+    else:
+        yield from compare_labels(source.path, truth, questions.labels, **questions.options).items()
 
 
 def _answer(name: str, label: int | None, found: Comparison, questions: PairQuestions) -> PairAnswer:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -64,6 +65,19 @@ class UnknownFormatError(TopokitError, ValueError):
 
 class MissingDependencyError(TopokitError, ImportError):
     """An optional package is needed; the message holds the line that installs it."""
+
+
+@contextmanager
+def requiring(message: str) -> Iterator[None]:
+    """Raise an ImportError of the block as a `MissingDependencyError`.
+
+    Args:
+        message: what needs which package, and how to install it.
+    """
+    try:
+        yield
+    except ImportError as error:
+        raise MissingDependencyError(message) from error
 
 
 class AdapterError(TopokitError, RuntimeError):

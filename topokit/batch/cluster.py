@@ -9,7 +9,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from topokit.core.processors import n_cores
-from topokit.errors import InputError, MissingDependencyError, summary
+from topokit.errors import InputError, requiring, summary
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -76,10 +76,8 @@ def connected(address: str, n_workers: int = 0) -> Iterator[Any]:
         MissingDependencyError: if Dask is not installed.
         InputError: if there is no scheduler at the address.
     """
-    try:
+    with requiring('A cluster needs Dask: pip install "topokit[cluster]".'):
         from dask.distributed import Client, LocalCluster
-    except ImportError as error:
-        raise MissingDependencyError('A cluster needs Dask: pip install "topokit[cluster]".') from error
     if address == LOCAL:
         options = {"n_workers": n_workers or n_cores(), "threads_per_worker": 1, "dashboard_address": ":0"}
         with LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster, Client(cluster) as client:

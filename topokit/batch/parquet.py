@@ -10,7 +10,7 @@ from typing import Any
 from topokit.batch.examine import COLUMNS, Row
 from topokit.batch.names import name_as_data
 from topokit.batch.widths import NARROWEST
-from topokit.errors import MissingDependencyError
+from topokit.errors import requiring
 from topokit.inputs.writing import completed_file
 from topokit.text import as_unicode
 
@@ -27,11 +27,9 @@ def write_parquet(rows: Iterable[Row], path: str | os.PathLike[str], columns: Se
         MissingDependencyError: if pyarrow is not installed.
         InputError: if the file cannot be written.
     """
-    try:
+    with requiring('Writing Parquet needs pyarrow: pip install "topokit[cluster]".'):
         import pyarrow
         from pyarrow.parquet import ParquetWriter
-    except ImportError as error:
-        raise MissingDependencyError('Writing Parquet needs pyarrow: pip install "topokit[cluster]".') from error
     schema = pyarrow.schema([(name, _kind(pyarrow, name)) for name in columns])
     coming = map(_portable, rows)
     with completed_file(path) as unfinished, ParquetWriter(unfinished, schema) as writer:

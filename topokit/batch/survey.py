@@ -19,7 +19,7 @@ from topokit.batch.sources import Paths, Sources, find_sources
 from topokit.batch.widths import width_columns
 from topokit.batch.workers import examine_each, in_order
 from topokit.ending import written_whole
-from topokit.errors import InputError, MissingDependencyError
+from topokit.errors import InputError, requiring
 from topokit.inputs.remote import is_address
 from topokit.report.wording import plural
 from topokit.text import json_text
@@ -109,10 +109,8 @@ class Survey:
         Raises:
             MissingDependencyError: if pandas is not installed.
         """
-        try:
+        with requiring("to_pandas needs pandas: pip install pandas."):
             import pandas
-        except ImportError as error:
-            raise MissingDependencyError("to_pandas needs pandas: pip install pandas.") from error
         return pandas.DataFrame(self.rows, columns=list(self._columns))
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.arrays import Floats
-from topokit.errors import MissingDependencyError
+from topokit.errors import requiring
 
 
 def cubical_pairs(values: NDArray[np.floating[Any]], filtration: Literal["V", "T"]) -> Floats:
@@ -29,9 +29,7 @@ def cubical_pairs(values: NDArray[np.floating[Any]], filtration: Literal["V", "T
     Raises:
         MissingDependencyError: if cripser is not installed.
     """
-    try:
+    with requiring("Persistent homology needs cripser: pip install cripser."):
         import cripser
-    except ImportError as error:
-        raise MissingDependencyError("Persistent homology needs cripser: pip install cripser.") from error
     pairs: Floats = cripser.compute_ph(values, filtration=filtration, maxdim=2)
     return pairs

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topokit.errors import InputError, MissingDependencyError
+from topokit.errors import InputError, requiring
 from topokit.inputs.writing import completed_file
 
 if TYPE_CHECKING:
@@ -35,10 +35,8 @@ def save_plot(curve: EulerCurve, path: str | os.PathLike[str], *, title: str = "
         raise InputError(f"{target}: the folder {target.parent} does not exist.")
     if len(curve.levels) == 0:
         raise InputError(f"{target}: the curve has no levels to draw.")
-    try:
+    with requiring('Drawing a plot needs matplotlib: pip install "topokit[plots]".'):
         from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingDependencyError('Drawing a plot needs matplotlib: pip install "topokit[plots]".') from error
     curve = curve.sampled(_MOST_STEPS)
     figure = Figure(figsize=(8, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)

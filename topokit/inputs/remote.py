@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
-from topokit.errors import InputError, MissingDependencyError, ReadError, TopokitError, summary
+from topokit.errors import InputError, MissingDependencyError, ReadError, TopokitError, requiring, summary
 from topokit.inputs.reading import FREE_OF_MASKS, require_expansion
 from topokit.inputs.unpacking import FORBIDDEN, temporary_file
 
@@ -175,8 +175,6 @@ def _require_room(address: str, about: dict[str, Any], size: int, free: int) -> 
 
 
 def _fsspec() -> Any:
-    try:
+    with requiring('Addresses need fsspec: pip install "topokit[cluster]".'):
         import fsspec
-    except ImportError as error:
-        raise MissingDependencyError('Addresses need fsspec: pip install "topokit[cluster]".') from error
     return fsspec

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY
-from topokit.errors import InputError, MissingDependencyError
+from topokit.errors import InputError, requiring
 from topokit.metrics.counter import Batch, FeatureCounter
 
 if TYPE_CHECKING:
@@ -82,9 +82,7 @@ class TopologyMetric:
         Warns:
             UserWarning: if predictions of masks look like logits, and `level` is one of probabilities.
         """
-        counts = self.counter.counted(preds, target).to(self._sums.device)
-        self._sums += counts.sum(0)
-        self._n_items += len(counts)
+        self._add(preds, target)
 
     def compute(self) -> dict[str, Tensor]:
         """Means over all items: "betti_error0" … "betti_error2", likewise "betti_matching_error", "missing", and so on.
@@ -105,10 +103,15 @@ class TopologyMetric:
 
     def forward(self, preds: Batch, target: Batch) -> dict[str, Tensor]:
         """Count a batch and return its own means."""
+        return self.counter.means(*self._add(preds, target))
+
+    def _add(self, preds: Batch, target: Batch) -> tuple[Tensor, Tensor]:
+        """Count a batch; the sums over its items, and their number."""
         counts = self.counter.counted(preds, target).to(self._sums.device)
-        self._sums += counts.sum(0)
+        sums, n_items = counts.sum(0), torch.tensor(len(counts))
+        self._sums += sums
         self._n_items += len(counts)
-        return self.counter.means(counts.sum(0), torch.tensor(len(counts)))
+        return sums, n_items
 
     def to(self, device: torch.device | str) -> TopologyMetric:
         """The metric with its sums on a device, as `torch.distributed` may want them; solids are counted on the CPU."""
@@ -136,10 +139,8 @@ class TopologyMetric:
         Raises:
             MissingDependencyError: if torchmetrics is not installed.
         """
-        try:
+        with requiring("as_torchmetrics needs torchmetrics: pip install torchmetrics."):
             from topokit.metrics.with_torchmetrics import TorchTopologyMetric
-        except ImportError as error:
-            raise MissingDependencyError("as_torchmetrics needs torchmetrics: pip install torchmetrics.") from error
         return TorchTopologyMetric(self.counter)
 
     def as_monai(self) -> CumulativeIterationMetric:
@@ -148,8 +149,6 @@ class TopologyMetric:
         Raises:
             MissingDependencyError: if MONAI is not installed.
         """
-        try:
+        with requiring("as_monai needs MONAI: pip install monai."):
             from topokit.metrics.with_monai import MonaiTopologyMetric
-        except ImportError as error:
-            raise MissingDependencyError("as_monai needs MONAI: pip install monai.") from error
         return MonaiTopologyMetric(self.counter)

@@ -20,7 +20,7 @@ from topokit.adapters.mesh.formats.stl import counted_stl
 from topokit.adapters.mesh.formats.three_mf import check_3mf
 from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.scenes import load_flattened
-from topokit.errors import FOR_POINTS, MissingDependencyError, ReadError
+from topokit.errors import FOR_POINTS, ReadError, requiring
 from topokit.inputs.files import head
 from topokit.inputs.formats import by_suffix, format_of
 from topokit.inputs.ply import check_header
@@ -77,10 +77,8 @@ def read_gltf(path: Path) -> Mesh:
 
 def read_dae(path: Path) -> Mesh:
     """Through pycollada and trimesh."""
-    try:
+    with requiring('Reading .dae needs pycollada: pip install "topokit[formats]".'):
         from collada.common import DaeError
-    except ImportError as error:
-        raise MissingDependencyError('Reading .dae needs pycollada: pip install "topokit[formats]".') from error
     return _through_trimesh(path, "dae", refuse_entities, (*_OF_TRIMESH, DaeError))
 
 

@@ -16,7 +16,7 @@ from topokit.adapters.points.entry import FORMATS, POINTS, TEXT, is_obj_cloud
 from topokit.adapters.points.stored import NAMES, Cloud, MappedCloud, StoredCloud, split, whole
 from topokit.adapters.points.text import Layout, TextCloud
 from topokit.core.arrays import Floats
-from topokit.errors import FOR_MESHES, MissingDependencyError, ReadError
+from topokit.errors import FOR_MESHES, ReadError, requiring
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
 from topokit.inputs.headers import array_shapes
@@ -85,10 +85,8 @@ def _fields(names: list[str]) -> tuple[str, ...] | None:
 
 def read_e57(path: Path) -> Cloud:
     """The scans of a file one after the other, in their common coordinates; points that are marked invalid left out."""
-    try:
+    with requiring(f"Reading .e57 needs pye57: {_INSTALL}."):
         import pye57
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .e57 needs pye57: {_INSTALL}.") from error
     length = int.from_bytes(head(path)[16:24], "little")
     require_bytes(path, "its own length", length, path.stat().st_size)
     damaged = (RuntimeError, LookupError, TypeError, AttributeError, pye57.libe57.E57Exception)
@@ -116,10 +114,8 @@ def read_obj(path: Path) -> Cloud:
 
 
 def read_pcd(path: Path) -> Cloud:
-    try:
+    with requiring(f"Reading .pcd needs pypcd4: {_INSTALL}."):
         from pypcd4 import MetaData, PointCloud
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .pcd needs pypcd4: {_INSTALL}.") from error
     # Versions .5 and .6 only lack header lines that have defaults; pypcd4 accepts .7 alone.
     content = re.sub(rb"^VERSION .*$", b"VERSION .7", path.read_bytes(), count=1, flags=re.MULTILINE)
     found = re.match(rb".*?^DATA[ \t]+(\w+)[^\n]*\n", content, re.DOTALL | re.MULTILINE)

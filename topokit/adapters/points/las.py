@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from topokit.adapters.points.stored import Block, Cloud, StoredCloud
-from topokit.errors import MissingDependencyError, ReadError, summary
+from topokit.errors import MissingDependencyError, ReadError, requiring, summary
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes, require_expansion
 
@@ -67,10 +67,8 @@ class LasCloud(StoredCloud):
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """laspy's reader of a file; its errors are errors about the file."""
-    try:
+    with requiring(f"Reading .las needs laspy: {_INSTALL}."):
         import laspy
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .las needs laspy: {_INSTALL}.") from error
     damaged = (laspy.errors.LaspyException, AssertionError, LookupError, TypeError)
     with _reading_laz(path), reading(path, "laspy", *damaged), laspy.open(path, read_evlrs=False) as file:
         if file.header.are_points_compressed and not laspy.LazBackend.detect_available():

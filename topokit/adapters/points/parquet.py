@@ -11,7 +11,7 @@ import numpy as np
 
 from topokit.adapters.points.stored import Block, Cloud, StoredCloud
 from topokit.core.arrays import Floats
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import ReadError, requiring
 from topokit.inputs.reading import reading, require_expansion
 
 _COORDINATES, _NORMALS = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -56,10 +56,8 @@ def _numbers(column: Any) -> Floats:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """pyarrow's reader of a file; its errors are errors about the file."""
-    try:
+    with requiring('Reading .parquet needs pyarrow: pip install "topokit[formats]".'):
         from pyarrow import ArrowException
         from pyarrow.parquet import ParquetFile
-    except ImportError as error:
-        raise MissingDependencyError('Reading .parquet needs pyarrow: pip install "topokit[formats]".') from error
     with reading(path, "pyarrow", ArrowException), path.open("rb") as stream, ParquetFile(stream) as file:
         yield file

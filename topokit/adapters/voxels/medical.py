@@ -23,7 +23,7 @@ from topokit.adapters.voxels.entry import is_dicom
 from topokit.adapters.voxels.stored import Entry, placement_of_xarray
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
-from topokit.errors import InputError, MissingDependencyError, Option, ReadError
+from topokit.errors import InputError, Option, ReadError, requiring
 from topokit.inputs.files import head, require_beside
 from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
 
@@ -37,13 +37,11 @@ _ELEMENT_BYTES = {"CHAR": 1, "UCHAR": 1, "SHORT": 2, "USHORT": 2, "INT": 4, "UIN
 
 def read_nifti(path: Path) -> Volume:
     """Values scaled by slope and intercept; the affine is the sform, else the qform, else of pixdim."""
-    try:
+    with requiring(f"Reading .nii needs nibabel: {_HOW}."):
         import nibabel
         from nibabel.filebasedimages import ImageFileError
         from nibabel.spatialimages import HeaderDataError
         from nibabel.wrapstruct import WrapStructError
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .nii needs nibabel: {_HOW}.") from error
     data = path.read_bytes()
     kind = nibabel.Nifti2Image if data[4:7] == b"n+2" else nibabel.Nifti1Image
     with reading(path, "nibabel", ImageFileError, HeaderDataError, WrapStructError, LookupError):
@@ -58,14 +56,12 @@ def read_nifti(path: Path) -> Volume:
 
 def read_mgh(path: Path) -> Volume:
     """A volume of FreeSurfer, with the affine of its header."""
-    try:
+    with requiring(f"Reading {path.suffix} needs nibabel: {_HOW}."):
         from nibabel.filebasedimages import ImageFileError
         from nibabel.freesurfer import MGHImage
         from nibabel.freesurfer.mghformat import MGHError
         from nibabel.spatialimages import HeaderDataError
         from nibabel.wrapstruct import WrapStructError
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading {path.suffix} needs nibabel: {_HOW}.") from error
     data = path.read_bytes()
     with reading(path, "nibabel", ImageFileError, MGHError, HeaderDataError, WrapStructError, LookupError, TypeError):
         image = MGHImage.from_bytes(data)
@@ -81,10 +77,8 @@ def _voxel_bytes(path: Path, size: int) -> int:
 
 def read_nrrd(path: Path) -> Volume:
     """Voxel sizes are the lengths of the space directions, else the spacings; the world needs a space origin, too."""
-    try:
+    with requiring(f"Reading .nrrd needs pynrrd: {_HOW}."):
         import nrrd
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .nrrd needs pynrrd: {_HOW}.") from error
     with reading(path, "pynrrd", nrrd.NRRDError, LookupError, TypeError):
         own = path.resolve()  # pynrrd looks for voxels beside the name that it gets, be it a link
         check_nrrd(own)
@@ -94,10 +88,8 @@ def read_nrrd(path: Path) -> Volume:
 
 def read_itk(path: Path) -> Volume:
     """A MetaImage, a DICOM file with several frames, or a folder with one DICOM series; in the order X, Y, Z."""
-    try:
+    with requiring(f"Reading {path.name} needs SimpleITK: {_HOW}."):
         import SimpleITK
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading {path.name} needs SimpleITK: {_HOW}.") from error
     SimpleITK.ProcessObject.SetGlobalWarningDisplay(False)
     is_meta = not path.is_dir() and not is_dicom(head(path))
     if is_meta:

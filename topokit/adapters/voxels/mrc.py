@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.grid.placement import Placement
-from topokit.errors import MissingDependencyError
+from topokit.errors import requiring
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading, require_bytes
 
@@ -28,11 +28,9 @@ def read_mrc(path: Path) -> tuple[NDArray[Any], Placement | None]:
         ReadError: if the file is malformed.
         MissingDependencyError: without mrcfile.
     """
-    try:
+    with requiring(f'Reading {path.name} needs mrcfile: pip install "topokit[volumes]".'):
         import mrcfile
         from mrcfile.utils import data_dtype_from_header, data_shape_from_header
-    except ImportError as error:
-        raise MissingDependencyError(f'Reading {path.name} needs mrcfile: pip install "topokit[volumes]".') from error
     with reading(path, "mrcfile"):
         size, start = path.stat().st_size - _HEADER, head(path, _HEADER)
         extended = int.from_bytes(start[_EXTENDED], "big" if start[_STAMP] == _BIG_ENDIAN else "little")

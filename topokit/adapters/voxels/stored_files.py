@@ -26,7 +26,7 @@ from topokit.adapters.voxels.stored import (
 from topokit.adapters.voxels.stored_extent import check_hdf, check_remote_zarr, check_zarr, refuse_links
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
-from topokit.errors import InputError, MissingDependencyError, Option, ReadError
+from topokit.errors import InputError, Option, ReadError, requiring
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.formats import stored_in
 from topokit.inputs.headers import array_shapes
@@ -88,11 +88,9 @@ def npy_volume(path: Path, entry: Entry) -> StoredVolume | None:
 def zarr_volume(path: Path | str, entry: Entry) -> StoredVolume:
     """The volume in a folder or at an address."""
     name = PurePosixPath(path).name
-    try:
+    with requiring(f"Reading .zarr needs zarr: {_HOW}."):
         import zarr
         from zarr.errors import BaseZarrError
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .zarr needs zarr: {_HOW}.") from error
     placement: Placement | None = None
     names: tuple[str, ...] = ()
     with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
@@ -158,10 +156,8 @@ def _triple(values: Any) -> tuple[float, float, float]:
 
 def hdf_volume(path: Path, entry: Entry) -> StoredVolume:
     """The volume in a file, or the one that the data set names."""
-    try:
+    with requiring(f"Reading .h5 needs h5py: {_HOW}."):
         import h5py
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .h5 needs h5py: {_HOW}.") from error
     shapes: dict[str, tuple[int, ...]] = {}
 
     def note(name: str, found: Any) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from topokit.adapters.voxels.bounds import check_tiff, page_count
 from topokit.adapters.voxels.entry import slice_files
 from topokit.core.grid.placement import Placement
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import ReadError, requiring
 from topokit.inputs.reading import reading
 
 _MICROMETERS = {"m": 1e6, "cm": 1e4, "mm": 1e3, "µm": 1.0, "μm": 1.0, "um": 1.0, "nm": 1e-3, "pm": 1e-6, "Å": 1e-4}
@@ -29,10 +29,8 @@ class _Alone(io.BufferedReader):
 
 def read_tiff(path: Path) -> tuple[NDArray[Any], Placement | None]:
     """The first series of a file, in the order of its axes: Z, Y, X for stacks; axes of length 1 are left out."""
-    try:
+    with requiring('Reading .tif needs tifffile: pip install "topokit[volumes]".'):
         import tifffile
-    except ImportError as error:
-        raise MissingDependencyError('Reading .tif needs tifffile: pip install "topokit[volumes]".') from error
     damaged = (
         *(tifffile.TiffFileError, ArithmeticError, AssertionError, LookupError),
         *(RuntimeError, TypeError, AttributeError, SyntaxError),  # the last one of damaged OME-XML

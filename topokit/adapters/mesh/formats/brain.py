@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.mesh.entry import FREESURFER_START
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import ReadError, requiring
 from topokit.inputs.reading import most_expanded, reading, require_bytes, require_expansion
 
 _MOST_AXES = 6  # of an array, in the definition of GIFTI
@@ -26,11 +26,9 @@ def read_gifti(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         ReadError: if the file is malformed, expands absurdly, keeps its numbers elsewhere or is no surface.
         MissingDependencyError: without nibabel.
     """
-    try:
+    with requiring(f"Reading .gii {_HOW}"):
         from nibabel.gifti import GiftiImage
         from nibabel.gifti.parse_gifti_fast import GiftiParseError
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading .gii {_HOW}") from error
     content = path.read_bytes()
     damaged = (
         *(GiftiParseError, ExpatError, AssertionError, AttributeError),
@@ -58,10 +56,8 @@ def read_freesurfer(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]
         ReadError: if the file is malformed.
         MissingDependencyError: without nibabel.
     """
-    try:
+    with requiring(f"Reading {path.name} {_HOW}"):
         from nibabel.freesurfer import read_geometry
-    except ImportError as error:
-        raise MissingDependencyError(f"Reading {path.name} {_HOW}") from error
     with reading(path, "nibabel", LookupError):
         _check_counts(path)
         vertices, faces = read_geometry(str(path))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from topokit.adapters.mesh.entry import FINITE_ELEMENTS
 from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.polygons import triangles
-from topokit.errors import MissingDependencyError, ReadError
+from topokit.errors import ReadError, requiring
 from topokit.inputs.cells import polygons_of_cells
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading
@@ -26,10 +26,8 @@ def read_finite_elements(path: Path) -> tuple[NDArray[np.float64], NDArray[np.in
         ReadError: if the file is malformed.
         MissingDependencyError: without meshio.
     """
-    try:
+    with requiring(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".'):
         import meshio
-    except ImportError as error:
-        raise MissingDependencyError(f'Reading {path.suffix} needs meshio: pip install "topokit[formats]".') from error
     format_name = FINITE_ELEMENTS.get(path.suffix.lower(), "vtu")  # the content of others is XML of VTK
     refuse_entities(path)
     _refuse_other_data(path)

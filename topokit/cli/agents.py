@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from topokit.batch.examine import report_row
 from topokit.errors import InputError, TopokitError, requiring
-from topokit.pairs.compare import compare as compared
 from topokit.plugins.registry import load
 
 if TYPE_CHECKING:
@@ -139,6 +138,8 @@ def compare(
     Returns:
         The numbers of both, each of parts, tunnels and cavities, the first places in which they differ, and a text.
     """
+    from topokit.pairs.compare import compare as compared  # torch is imported when it is first needed
+
     found = compared(path, truth, level=level, label=label)
     names = ("error", "kind", "center", "bounds", "width", "length", "volume")
     features = [{name: getattr(one, name) for name in names} for one in found.features[:most]]

@@ -36,7 +36,7 @@ MOST_SECONDS, MOST_GIB = 60.0, 6.0
 
 
 def lengths_by_topokit(vertices: np.ndarray, faces: np.ndarray) -> tuple[list[float], list[float]]:
-    handles = find_handles(vertices, mesh_topology(vertices, faces))
+    handles = find_handles(vertices, mesh_topology(vertices, faces), lambda *mesh: mesh)
     return [handle.handle_length for handle in handles], [handle.tunnel_length for handle in handles]
 
 
@@ -106,7 +106,7 @@ def clean_meshes(data: Path) -> Iterator[tuple[str, int, np.ndarray, np.ndarray]
 def removed_one_by_one(vertices: np.ndarray, faces: np.ndarray, kind: str) -> int:
     """How many cuts or fills lead to genus 0; each must lower the genus by one. Loops that meet wait for a new look."""
     done = 0
-    while found := find_handles(vertices, mesh_topology(vertices, faces)):
+    while found := find_handles(vertices, mesh_topology(vertices, faces), lambda *mesh: mesh):
         taken: set[int] = set()
         for handle in sorted(found, key=attrgetter(f"{kind}_length")):
             loop = getattr(handle, f"{kind}_vertices")
@@ -125,7 +125,7 @@ def cut_and_fill(data: Path) -> None:
     n_meshes = n_handles = 0
     for name, genus, vertices, faces in clean_meshes(data):
         started = process_time()
-        found = find_handles(vertices, mesh_topology(vertices, faces))
+        found = find_handles(vertices, mesh_topology(vertices, faces), lambda *mesh: mesh)
         seconds = process_time() - started
         assert len(found) == genus, f"{name}: {len(found)} pairs of loops, {genus} expected"
         cuts, fills = (removed_one_by_one(vertices, faces, kind) for kind in ("handle", "tunnel"))

@@ -152,7 +152,8 @@ def test_the_deciding_reasons_are_marked_and_first() -> None:
     thrice = np.concatenate((faces, [[*faces[0, :2], faces[100, 0]]]))  # an edge with three faces, and boundary
     shape = tk.from_mesh((vertices, thrice)).replace(notes=("A note.",))
     report = shape.report()
-    lines = str(report).splitlines()[1:]
+    *lines, advice = str(report).splitlines()[1:]
+    assert advice == f"  Advice: {report.advice}"
     assert [line[2] for line in lines] == ["*"] * report.n_deciding + ["-"] * (len(lines) - report.n_deciding)
     assert lines[:2] == [f"  * {reason}" for reason in report.reasons[:2]]
     assert "  - A note." in lines

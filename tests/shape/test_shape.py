@@ -249,7 +249,8 @@ def test_a_report_of_points_is_four_lines_and_has_all_reasons_on_request() -> No
     report = shape.report()
     assert len(report.reasons) > 4
     short, full = str(report).splitlines(), report.text(full=True).splitlines()
-    assert (len(short), len(full)) == (4, 1 + len(report.reasons))
+    assert (len(short), len(full)) == (4, 1 + len(report.reasons) + 1)
+    assert full[-1] == f"  Advice: {report.advice}"
     assert short[:3] == full[:3]
     assert f"{len(report.reasons) - 2} more reasons" in short[3]
     assert report.reasons[-1] in str(shape.report(details=True))

@@ -107,7 +107,7 @@ def test_a_mobius_strip_is_certain_and_has_no_genus() -> None:
 def test_what_is_no_manifold_is_unsure_and_its_genus_names_the_next_call() -> None:
     shape = tk.from_mesh(np.eye(3, 5).T + np.arange(5)[:, None], [[0, 1, 2], [0, 1, 3], [0, 1, 4]])
     assert shape.report().verdict == "unsure"
-    with pytest.raises(GenusError, match=r"shape\.defects\(\) says where"):
+    with pytest.raises(GenusError, match=r"shape\.defects\(\), or topokit report --locate"):
         shape.genus()
 
 

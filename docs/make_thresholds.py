@@ -40,9 +40,9 @@ The numbers of the reconstruction, in
 changed for all.
 
 The last column says how many more or fewer answers are right if the number is halved and if it is doubled, of how many
-right ones among how many clouds, measured by [benchmarks/sensitivity.py](../benchmarks/sensitivity.py) on clouds whose
-votes agree least, on wires, open surfaces, large clouds, given normals and clouds with stray points. An empty field was
-not measured. [sensitivity.csv](sensitivity.csv) has more columns.
+right ones among how many clouds, measured by [benchmarks/sensitivity.py](../benchmarks/sensitivity.py) on wires, open
+surfaces, large clouds, given normals and clouds with stray points. An empty field was not measured.
+[sensitivity.csv](sensitivity.csv) has more columns.
 """
 CONSTANTS = """
 ## Constants of the numerical core

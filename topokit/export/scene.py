@@ -180,13 +180,28 @@ def _points_scene(
     points: Floats, local: Curvature, values: Floats, limit: float, marks: tuple[Mark, ...], max_points: int
 ) -> Scene:
     """The scene of samples without a surface."""
-    normals, note = _numpy(local.normals), None
+    normals = _numpy(local.normals)
     shown = interpolate(points, np.clip(values, -limit, limit), points, _SMOOTHING)
+    return points_scene(points, normals, shown, limit, _curvature_legend(limit), marks, max_points=max_points)
+
+
+def points_scene(
+    points: Floats,
+    normals: Floats,
+    values: Floats,
+    limit: float,
+    legend: tuple[str, str, str, str],
+    marks: tuple[Mark, ...] = (),
+    *,
+    max_points: int,
+) -> Scene:
+    """The scene of points; of more than `max_points`, so many are drawn at random (seed 0), which the note says."""
+    note = None
     if len(points) > max_points:
         note = f"{max_points} of {len(points)} points are shown."
         drawn = np.random.default_rng(0).choice(len(points), max_points, replace=False)
-        points, normals, shown = points[drawn], normals[drawn], shown[drawn]
-    return Scene(points, normals, shown, limit, None, _curvature_legend(limit), marks, note)
+        points, normals, values = points[drawn], normals[drawn], values[drawn]
+    return Scene(points, normals, values, limit, None, legend, marks, note)
 
 
 def _mesh(shape: Shape) -> tuple[Floats, Integers, str | None] | None:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats
-from topokit.export.scene import Scene
+from topokit.export.scene import points_scene
 from topokit.pages.document import Entry, write_html
 from topokit.pages.fragment import PAGES, Fragment
 from topokit.report.report import environment
@@ -39,12 +39,8 @@ def save_kept_page(
     Raises:
         InputError: if the file is not called .html or .htm, or its folder does not exist.
     """
-    drawn = np.arange(len(positions))
-    if len(drawn) > _MOST_POINTS:
-        drawn = np.sort(np.random.default_rng(0).choice(len(drawn), _MOST_POINTS, replace=False))
-        notes = (*notes, f"{_MOST_POINTS} of {len(positions)} points are shown.")
-    values = np.where(is_kept[drawn], -1.0, 1.0)
-    scene = Scene(positions[drawn], normals[drawn], values, 1.0, None, _LEGEND)
+    scene = points_scene(positions, normals, np.where(is_kept, -1.0, 1.0), 1.0, _LEGEND, max_points=_MOST_POINTS)
+    notes = (*notes, scene.note) if scene.note else notes
     facts = {"points": len(positions), "kept": int(is_kept.sum()), "verdict": "kept"}
     details = environment(PAGES).get_template("kept.html").render(notes=notes)
     write_html([Entry(name, Fragment.of(facts, details, scene))], path, title=name, columns=_COLUMNS)

@@ -55,8 +55,9 @@ def picture(shape: Shape, side: int = SIDE, *, eye: Eye = EYE, locate: bool = Fa
 
 def save_page(shape: Shape, path: str | os.PathLike[str], before: Shape | None = None) -> None:
     """Write the page of a shape, perhaps with what it was made from; see `topokit.Shape.save_html`."""
-    entries = [_entry(shape)]
-    if before is not None:
+    if before is None:
+        entries = [_entry(shape)]
+    else:
         entries = [
             replace(_entry(one, shape.simplification), name=f"{one.name} ({when})")
             for one, when in ((before, "before"), (shape, "after"))

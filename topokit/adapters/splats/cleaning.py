@@ -105,8 +105,7 @@ class Kept:
         rotations = rotation_matrices(torch.nn.functional.normalize(drawn.quaternions, dim=1))
         axes = rotations.gather(2, thinnest)[..., 0].detach()
         notes = (*self.notes, f"{len(self)} of {len(scene)} splats were kept.")
-        columns = (drawn.means.detach(), axes)
-        positions, normals = (part.cpu().double().numpy() for part in columns)
+        positions, normals = (part.cpu().double().numpy() for part in (drawn.means.detach(), axes))
         save_kept_page(path, "splats", positions, normals, is_kept[finite.cpu()].numpy(), notes)
 
     def chosen(self, mask: Tensor, *notes: str) -> Kept:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.cubes import cube_tables
-from topokit.core.blocks.planes import Labels, unite
+from topokit.core.blocks.planes import Labels, add_to_pair, unite
 
 
 class JunctionTables(NamedTuple):
@@ -184,9 +184,9 @@ def wall_cells(
                     six = own if solid_is_six else 255 ^ own
                     if owners[cell] >= 0:
                         dual_sums[owners[cell]] += n_cubes * dual[six]
-                        n_full = _add(cell, around, n_cubes, whole, six, sums, full, n_full)
+                        n_full = add_to_pair(cell, around, n_cubes, whole, six, sums, full, n_full)
                 if owners[a] < 0 and owners[other] < 0:
-                    n_full = _add(a, other, 0, whole, 0, sums, full, n_full)
+                    n_full = add_to_pair(a, other, 0, whole, 0, sums, full, n_full)
             else:
                 cube[0], cube[1], cube[2], cube[3], cube[4], cube[5], cube[6], cube[7] = a, b, c, d, e, f, g, h
                 n_full = _add_junction(
@@ -224,11 +224,11 @@ def _add_junction(
     if solid_is_six:  # then all around a label is joined
         for one in range(n_found):
             for other in range(one):
-                n_full = _add(found[one], found[other], 0, tables.whole, 0, sums, full, n_full)
+                n_full = add_to_pair(found[one], found[other], 0, tables.whole, 0, sums, full, n_full)
     else:
         for bit in (1, 2, 4):
             if cube[7] != cube[7 ^ bit]:
-                n_full = _add(cube[7], cube[7 ^ bit], 0, tables.whole, 0, sums, full, n_full)
+                n_full = add_to_pair(cube[7], cube[7 ^ bit], 0, tables.whole, 0, sums, full, n_full)
     for place in range(n_found):
         owner, code = owners[found[place]], codes[place]
         for other in range(n_found):
@@ -249,24 +249,5 @@ def _add_junction(
             one, other = cube[tables.edges[six, k, 0]], cube[tables.edges[six, k, 1]]
             if not solid_is_six:
                 one, other = other, one
-            n_full = _add(one, other, n_cubes, tables.weights, piece, sums, full, n_full)
-    return n_full
-
-
-@compiled
-def _add(
-    one: int, other: int, n_cubes: int, weights: Integers, code: int, sums: Integers, full: Integers, n_full: int
-) -> int:
-    """Add the weights of a code in so many cubes to the sums of a pair."""
-    place = (one * 31 + other) & (len(sums) - 1)
-    if sums[place, 0] != one or sums[place, 1] != other:
-        if sums[place, 0] >= 0:
-            for column in range(6):
-                full[n_full, column] = sums[place, column]
-            n_full += 1
-        sums[place, 0], sums[place, 1] = one, other
-        for column in range(2, 6):
-            sums[place, column] = 0
-    for column in range(4):
-        sums[place, 2 + column] += n_cubes * weights[code, column]
+            n_full = add_to_pair(one, other, n_cubes, tables.weights, piece, sums, full, n_full)
     return n_full

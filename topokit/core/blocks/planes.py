@@ -306,17 +306,30 @@ def _add_cubes(
         node = _united(cube, piece, parents)
         if code == 255:
             break
-        place = (node * 31 + around) & (len(sums) - 1)
-        if sums[place, 0] != node or sums[place, 1] != around:
-            if sums[place, 0] >= 0:
-                for column in range(6):  # rows one number at a time: slices take Numba seconds to compile
-                    full[n_full, column] = sums[place, column]
-                n_full += 1
-            sums[place, 0], sums[place, 1] = node, around
-            for column in range(2, 6):
-                sums[place, column] = 0
-        for column in range(4):
-            sums[place, 2 + column] += n_cubes * weights[piece, column]
+        n_full = add_to_pair(node, around, n_cubes, weights, piece, sums, full, n_full)
+    return n_full
+
+
+@compiled
+def add_to_pair(
+    one: int, other: int, n_cubes: int, weights: Integers, code: int, sums: Integers, full: Integers, n_full: int
+) -> int:
+    """Add the weights of a code in so many cubes to the sums of a pair; see `join_planes`.
+
+    Returns:
+        How many rows of `full` are written.
+    """
+    place = (one * 31 + other) & (len(sums) - 1)
+    if sums[place, 0] != one or sums[place, 1] != other:
+        if sums[place, 0] >= 0:
+            for column in range(6):  # rows one number at a time: slices take Numba seconds to compile
+                full[n_full, column] = sums[place, column]
+            n_full += 1
+        sums[place, 0], sums[place, 1] = one, other
+        for column in range(2, 6):
+            sums[place, column] = 0
+    for column in range(4):
+        sums[place, 2 + column] += n_cubes * weights[code, column]
     return n_full
 
 

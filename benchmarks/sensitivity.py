@@ -6,8 +6,9 @@
 DATA holds index.json and the closed meshes that it names. The clouds of most settings are 10 000 random points of these
 meshes without normals, clean and with 0.5 % noise, of every second mesh: of those with the right integer at the usual
 settings the ones on which the votes agree least, so those that a change can tip. Other settings are tried on what they
-are for: given normals, large clouds, wires, open surfaces, stray points. Shares near one are moved to and from one:
-0.996 becomes 0.998 and 0.992. Whole numbers stay whole. `--out` is continued if it exists.
+are for: given normals, large clouds, wires, open surfaces, stray points. Numbers near one, or that would become
+one, are moved to and from one: 0.996 becomes 0.998 and 0.992. Whole numbers stay whole. `--out` is continued if it
+exists.
 """
 
 from __future__ import annotations
@@ -184,10 +185,10 @@ def changed(value: Any, part: str, factor: float) -> Any:
 
 
 def scaled(value: float, factor: float) -> float:
-    """A number multiplied; one from 0.9 to 1 moved to or from one."""
+    """A number multiplied; one from 0.9 to 1, or that would become one, moved to or from one."""
     if isinstance(value, int):
         return max(1, round(value * factor))
-    return 1 - (1 - value) / factor if 0.9 <= value < 1 else value * factor
+    return 1 - (1 - value) / factor if 0.9 <= value < 1 or value * factor == 1 else value * factor
 
 
 def with_change(change: Change | None) -> tuple[CloudSettings, OutlierSettings]:

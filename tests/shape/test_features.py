@@ -121,12 +121,35 @@ def test_doubts_of_a_cloud_are_where_it_is_narrower_than_its_resolution() -> Non
     assert report.resolution > 0.24
     assert {(doubt.kind, doubt.change) for doubt in report.doubts} >= {("thin handle", 2), ("thin part", -2)}
     assert all(0 <= doubt.votes <= 1 and doubt.width <= report.resolution for doubt in report.doubts)
-    assert f"{len(report.doubts)} places are narrower than the resolution" in report.text()
+    assert f"{len(report.doubts)} places are doubtful" in report.text()
     assert "Thin handle, 0." in report.text()
     assert "votes for it" in report._repr_html_()
     assert json.loads(report.to_json())["doubts"][0]["kind"] == report.doubts[0].kind
     wide = tk.from_points(torus_samples(2500, 1.0, 0.4).points).report(features=True)
     assert wide.doubts == ()
+
+
+def test_an_unsure_report_names_its_doubts_unasked() -> None:
+    """Two spheres nearer than the spacing: whether they touch is doubtful."""
+    sphere = sphere_samples(700).points
+    shape = tk.from_points(torch.cat([sphere, sphere + torch.tensor([2.1, 0.0, 0.0])]))
+    report = shape.report()
+    assert report.verdict == "unsure"
+    [doubt] = report.doubts
+    assert (doubt.kind, doubt.change, doubt.votes) == ("narrow gap", -2, pytest.approx(0.1, abs=0.05))
+    assert doubt.place == pytest.approx((1.05, 0, 0), abs=0.15)
+    assert shape.report().doubts is report.doubts
+
+
+def test_points_off_the_surface_are_a_doubt() -> None:
+    """A small sheet inside a sphere."""
+    sheet = torch.cartesian_prod(*[torch.linspace(0, 0.32, 5)] * 2, torch.zeros(1))
+    report = tk.from_points(torch.cat([sphere_samples(2000).points, sheet])).report(features=True)
+    [missed] = report.doubts
+    assert (missed.kind, missed.change, missed.width) == ("missed samples", None, pytest.approx(0.32))
+    assert missed.place == pytest.approx((0.16, 0.16, 0))
+    assert "does not pass through them" in report.text()
+    assert "missed samples" in report._repr_html_()
 
 
 def test_what_is_counted_has_no_doubts() -> None:

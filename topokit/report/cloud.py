@@ -30,7 +30,6 @@ from topokit.report.verdict import (
     Verdict,
     cloud_checks,
     cloud_verdict,
-    has_genus,
     is_mostly_seen,
     is_open,
     lasting_euler,
@@ -77,7 +76,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     wire = witness.wire
     checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
     n_surfaces = witness.components + witness.cavities
-    genus = genus_of(witness.euler, components=n_surfaces) if has_genus(witness) else None
+    genus = genus_of(witness.euler, components=n_surfaces) if witness.has_genus else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
     deciding, others = check_sentences(checks, witness)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
@@ -180,7 +179,7 @@ def _open_surface(components: int, discs: int, nearest: float, widths: list[floa
 
 def _solid_euler(witness: Witness) -> int:
     """χ of the votes, or, where no solid has it, that of the first cut, whose parts are counted."""
-    return witness.euler if has_genus(witness) or witness.surface is None else witness.surface.euler
+    return witness.euler if witness.has_genus or witness.surface is None else witness.surface.euler
 
 
 def _width(found: Examination, rows: NDArray[np.int64]) -> float:

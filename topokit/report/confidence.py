@@ -59,8 +59,10 @@ _NOISE = 0.1  # roughness, in spacings, from which most samples are off any surf
 def cloud_confidence(witness: Witness) -> float:
     """Probability that the integer of a closed cloud counts all features wider than the resolution, from 0 to 1.
 
-    Calibrated on samples of shapes of known topology, whole families of shapes left out; see docs/accuracy.md.
+    It is 0 if no closed surface has that integer. Calibrated on samples of shapes of known topology, whole families of shapes left out; see docs/accuracy.md.
     """
+    if not witness.has_genus:
+        return 0.0
     measured = cloud_evidence(witness)
     log_odds = INTERCEPT - sum(one.coefficient * one.of(measured[name]) for name, one in EVIDENCE.items())
     return 1 / (1 + math.exp(-log_odds))

@@ -27,16 +27,20 @@ def feature_lines(
 
 
 def _doubt_lines(doubts: Sequence[NarrowPlace]) -> Iterator[str]:
-    yield f"{plural(len(doubts), 'place is', 'places are')} narrower than the resolution, where samples show little:"
+    yield f"{plural(len(doubts), 'place is', 'places are')} doubtful, narrower than the resolution or off the surface:"
     for one in doubts[:_MOST_DOUBTS]:
-        votes = f", as {one.votes:.0%} of the votes count" if one.votes else ""
-        otherwise = _OTHERWISE[one.kind.split()[0]]
-        yield (
-            f"{one.kind.capitalize()}, {one.width:.3g} wide, at {position(one.place, one.width)}: χ changes by "
-            f"{one.change:+d} if it {otherwise}{votes}."
-        )
+        yield f"{one.kind.capitalize()}, {one.width:.3g} wide, at {position(one.place, one.width)}: {_otherwise(one)}."
     if len(doubts) > _MOST_DOUBTS:
-        yield f"{plural(len(doubts) - _MOST_DOUBTS, 'more place')}, up to {doubts[-1].width:.3g} wide."
+        widest = max(one.width for one in doubts[_MOST_DOUBTS:])
+        yield f"{plural(len(doubts) - _MOST_DOUBTS, 'more place')}, up to {widest:.3g} wide."
+
+
+def _otherwise(doubt: NarrowPlace) -> str:
+    """What would be if a doubt is right."""
+    if doubt.change is None:
+        return "the surface that was found does not pass through them"
+    votes = f", as {doubt.votes:.0%} of the votes count" if doubt.votes else ""
+    return f"χ changes by {doubt.change:+d} if it {_OTHERWISE[doubt.kind.split()[0]]}{votes}"
 
 
 def _feature_lines(found: SolidFeatures, placement: Placement | None) -> tuple[str, ...]:

@@ -130,8 +130,9 @@ class TopologyReport:
             None unless it was opened with `edges="cut-out"`.
         connectivity_density: (1 − Δχ) / V for a volume V between the centers of its end layers, likewise.
         features: parts, tunnels and cavities with their widths, or None if they were not measured.
-        doubts: places of a cloud's surface that are narrower than `resolution`, where the answer may be wrong, or None
-            if they were not looked for.
+        doubts: where the answer about a cloud may be wrong: places narrower than `resolution`, first those that most
+            votes count otherwise, then those where several samples are off the surface. None if they were not looked
+            for.
         rim_widths: of an open cloud, the longest side of the box of each rim, widest first. χ, components, boundary
             loops and genus are those of the surface that ends there; closing each rim by a disc keeps its genus.
         flipped: faces of a mesh against the majority's orientation in their component, or None if it is no mesh.

@@ -243,7 +243,7 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
     surfaces = float(witness.components + witness.cavities - euler / 2)
     checks = [
         _check("confidence", cloud_confidence(witness)),
-        Check("genus", surfaces, has_genus(witness)),
+        Check("genus", surfaces, witness.has_genus),
         _check("cuts", share_of(euler, values_of(witness.votes, *CUT_FAMILIES))),
         _check("fields", share_of(euler, values_of(witness.votes, "field"))),
         *_unless_passed("coarse", share_of(euler, values_of(witness.votes, "coarse cut"))),
@@ -305,12 +305,6 @@ def wire_checks(witness: Witness, wire: WireReading) -> tuple[Check, ...]:
         _check("wire_narrowness", wire.narrowness),
         *_unless_passed("rounding", witness.rounding / witness.spacing),
     )
-
-
-def has_genus(witness: Witness) -> bool:
-    """Whether the integer fits the number of surfaces, of which there must be one: a genus cannot be negative."""
-    n_surfaces = witness.components + witness.cavities
-    return n_surfaces > 0 and witness.euler <= 2 * n_surfaces
 
 
 def lids(witness: Witness | None) -> tuple[UncoveredPatch, ...]:

@@ -6,15 +6,17 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from topokit.core.cloud.votes import share_of
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.scale.features import CELLS_PER_WIDTH, SolidFeatures, solid_features
-from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.core.scale.narrow_places import NarrowPlace, missed_places
 from topokit.core.scale.narrow_places import narrow_places as places_in
 from topokit.core.scale.signed_distance import signed_distance
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, TopokitError
+from topokit.report.advice import is_noisy
 from topokit.report.report import TopologyReport, known_euler
 from topokit.shape.surface import closed_surface, found_surface
 
@@ -118,7 +120,8 @@ def narrow_places(shape: Shape, below: float) -> tuple[NarrowPlace, ...]:
     surface = found_surface(shape)
     if surface is None or len(surface.faces) == 0:
         raise InputError(f"{shape.name} has no closed surface.")
-    surface = TriangleSurface(surface.vertices, mesh_topology(surface.vertices, surface.faces).faces)
+    if shape.mesh is not None:  # others face outward
+        surface = TriangleSurface(surface.vertices, mesh_topology(surface.vertices, surface.faces).faces)
     if not below > 0:
         raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
     cell = max(below / _CELLS_BELOW, _smallest_cell(surface))
@@ -131,27 +134,42 @@ def narrow_places(shape: Shape, below: float) -> tuple[NarrowPlace, ...]:
 
 
 def with_features(report: TopologyReport, shape: Shape, finest: float | None) -> TopologyReport:
-    """The report with the widths of features, and of a cloud with the places that are narrower than its resolution.
-
-    What cannot be measured is told by a sentence.
-    """
-    notes = []
+    """The report with the widths of features; what cannot be measured is told by a sentence."""
     try:
-        report = replace(report, features=features(shape, finest))
+        return replace(report, features=features(shape, finest))
     except TopokitError as error:
-        notes.append(f"Widths of features were not measured: {error}")
-    if shape.counted is None and report.closed and report.resolution is not None:
-        try:
-            report = replace(report, doubts=_doubts(report, shape, report.resolution))
-        except TopokitError as error:
-            notes.append(f"Places narrower than the resolution were not looked for: {error}")
-    return replace(report, reasons=(*report.reasons, *notes))
+        return replace(report, reasons=(*report.reasons, f"Widths of features were not measured: {error}"))
 
 
-def _doubts(report: TopologyReport, shape: Shape, below: float) -> tuple[NarrowPlace, ...]:
-    """The narrow places of a cloud, each with the share of the votes that count as if it were otherwise."""
+def with_doubts(report: TopologyReport, shape: Shape) -> TopologyReport:
+    """The report of a closed cloud with the places that are narrower than its resolution; others as they are.
+
+    If they cannot be looked for, a sentence tells why.
+    """
+    if shape.counted is not None or not report.closed or report.resolution is None:
+        return report
+    below, euler = report.resolution, known_euler(report)
+    try:
+        return replace(report, doubts=shape._known.once("doubts", lambda: _doubts(shape, below, euler)))
+    except TopokitError as error:
+        note = f"Doubtful places were not looked for: {error}"
+        return replace(report, reasons=(*report.reasons, note))
+
+
+def _doubts(shape: Shape, below: float, euler: int) -> tuple[NarrowPlace, ...]:
+    """Where the answer about a cloud may be wrong.
+
+    These are its narrow places, each with the share of the votes that count as if it were otherwise: first those with
+    most of them, of equals the narrowest. The places where samples are off the surface follow, unless noise does that.
+    """
+    places = narrow_places(shape, below)
     witness = shape._known.examination().witness
-    counted = [] if witness is None else [euler for vote in witness.votes for euler in vote.eulers]
-    return tuple(
-        replace(one, votes=share_of(known_euler(report) + one.change, counted)) for one in narrow_places(shape, below)
-    )
+    if witness is None:
+        return places
+    counted = [value for vote in witness.votes for value in vote.eulers]
+    voted = [replace(one, votes=share_of(euler + (one.change or 0), counted)) for one in places]
+    voted.sort(key=lambda one: (-(one.votes or 0.0), one.width, one.place))
+    if is_noisy(witness):
+        return tuple(voted)
+    missed = shape.samples.points[torch.from_numpy(witness.missed)].detach().cpu().double().numpy()
+    return (*voted, *missed_places(missed, below / 2))

@@ -28,7 +28,7 @@ from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import certified_report
 from topokit.shape.compare import compare
 from topokit.shape.details import with_details
-from topokit.shape.features import features, narrow_places, with_features
+from topokit.shape.features import features, narrow_places, with_doubts, with_features
 from topokit.shape.levels import euler_curve
 from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
@@ -242,7 +242,7 @@ class Shape:
             locate: whether to look for the places of handles, boundaries and, in a mesh, defects.
             features: whether to measure how wide parts, tunnels and cavities are (see `features`): those from the
                 default width on, or from the given one; and at which places a cloud is narrower than its resolution
-                (see `narrow_places`).
+                (see `narrow_places`), which is also looked for if the verdict is "unsure".
             certify: whether to try a proof (see `certify`, with its time limit) of the level set of a function, which
                 makes the answer "certain" without grids; where it fails, grids answer, and the report says what stays
                 open. It changes nothing for other shapes.
@@ -259,6 +259,8 @@ class Shape:
         report = with_location(report, self) if locate else report
         if features is not False:
             report = with_features(report, self, None if features is True else features)
+        if features is not False or report.verdict == "unsure":
+            report = with_doubts(report, self)
         return with_details(report, self, self._known.automatic_neighbors()) if details else report
 
     def certify(self, time_limit: float = 60.0) -> Certificate:

@@ -10,7 +10,7 @@ import trimesh
 from skimage.measure import marching_cubes
 from trimesh.creation import annulus, box, icosphere
 
-from topokit.core.scale.narrow_places import NarrowPlace, narrow_places
+from topokit.core.scale.narrow_places import NarrowPlace, missed_places, narrow_places
 from topokit.core.scale.signed_distance import signed_distance
 from topokit.core.surface import TriangleSurface
 
@@ -115,3 +115,13 @@ def test_narrowest_first() -> None:
 
 
 WIDE = (0.06, 0.04, 0.12)
+
+
+def test_samples_off_the_surface_are_one_place_where_several_are_near_each_other() -> None:
+    row = np.linspace((0, 0, 0), (0.4, 0, 0), 5)
+    alone, pair = np.array([[9.0, 9, 9]]), np.array([[5.0, 5, 5], [5, 5, 5.1]])
+    [found] = missed_places(np.concatenate((alone, row, pair)), 0.11)
+    assert (found.kind, found.change) == ("missed samples", None)
+    assert found.width == pytest.approx(0.4)
+    assert found.place == pytest.approx((0.2, 0, 0))
+    assert missed_places(np.empty((0, 3)), 1.0) == ()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from topokit.core.arrays import Floats
+import numpy as np
+
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.given_normals import Signs
 from topokit.core.cloud.solid.surface import CutSurface
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
@@ -39,14 +41,15 @@ class Witness:
             plane of its wider neighborhood) or "wire" (one-dimensional everywhere: even samples, no cuts).
         wire: the reading as a thickened graph, if its integer was taken over because the cloud is one-dimensional
             everywhere, else None.
-        is_widened: whether the votes are those of samples shifted along their normals, which widens thin walls and
+        is_shifted: whether the votes are those of samples shifted along their normals, which widens thin walls and
             narrow gaps.
-        is_repeated: whether the votes of noisy samples differed, so that those of smoothed samples with normals of
+        is_smoothed: whether the votes of noisy samples differed, so that those of smoothed samples with normals of
             their own were added.
         rounding: step between neighboring values of the coordinates, in units of length, where these have no more
             digits than single precision; else 0.
         lids: patches of the first cut's surface that cover holes of the cloud, largest first; their samples are those
             of the points given. None for a wire.
+        missed: (M,), indices of the used points that are not on the first cut's surface.
     """
 
     euler: int
@@ -69,3 +72,10 @@ class Witness:
     is_smoothed: bool = False
     rounding: float = 0.0
     lids: tuple[UncoveredPatch, ...] = ()
+    missed: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+
+    @property
+    def has_genus(self) -> bool:
+        """Whether the integer fits the number of surfaces, of which there must be one: a genus cannot be negative."""
+        n_surfaces = self.components + self.cavities
+        return n_surfaces > 0 and self.euler <= 2 * n_surfaces

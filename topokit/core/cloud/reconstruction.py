@@ -56,10 +56,10 @@ class Reconstruction:
         votes: of every setting.
         cut: the first one.
         quality: how well the samples support the answer.
-        turned: when the normals were known, on the clock of `time.perf_counter`.
+        oriented_at: when the normals were known, on the clock of `time.perf_counter`.
         settings: with which it was found.
-        is_widened: whether the samples were shifted along their normals.
-        is_repeated: whether votes of smoothed samples were added.
+        is_shifted: whether the samples were shifted along their normals.
+        is_smoothed: whether votes of smoothed samples were added.
     """
 
     cloud: OrientedCloud

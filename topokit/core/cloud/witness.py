@@ -188,6 +188,7 @@ def _solid_witness(
         is_smoothed=found.is_smoothed,
         rounding=entry.rounding,
         lids=tuple(replace(patch, samples=used[patch.samples]) for patch in found.lids),
+        missed=np.delete(used, surface.points),
     )
 
 

@@ -11,8 +11,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from topokit.core.arrays import Floats
 from topokit.core.components import Corner, corner
+from topokit.core.labels import connected_labels
 from topokit.core.scale.features import largest_balls
 from topokit.core.scale.pairs import persistent_pairs
 from topokit.core.scale.signed_distance import SignedDistance
@@ -27,6 +30,7 @@ NarrowKind = Literal[
     "narrow tunnel",
     "narrow mouth",
     "small cavity",
+    "missed samples",
 ]
 
 _LEAVING: tuple[NarrowKind, ...] = ("thin part", "thin handle", "thin wall")  # a feature that shrinking removes
@@ -34,6 +38,7 @@ _PARTING: tuple[NarrowKind, ...] = ("thin neck", "thin membrane", "thin wall")  
 _CLOSING: tuple[NarrowKind, ...] = ("narrow gap", "narrow tunnel", "small cavity")  # one that growing removes
 _JOINING: tuple[NarrowKind, ...] = ("narrow gap", "narrow gap", "narrow mouth")  # one that growing adds
 
+_FEWEST_MISSED = 3  # samples off the surface: by chance they are alone
 _SHORTEST = 1.5  # cells of r over which a class must last: shorter ones are those of the grid
 
 
@@ -44,17 +49,18 @@ class NarrowPlace:
     Attributes:
         kind: "thin part", "thin handle" or "thin wall" (around a cavity): would be gone; "thin neck" or "thin
             membrane": would part, and so add a part or a tunnel; "narrow gap" (between parts, or one that closes to a
-            handle), "narrow tunnel", "narrow mouth" (of what becomes a cavity) or "small cavity": would close.
-        width: diameter of the largest ball that fits there.
+            handle), "narrow tunnel", "narrow mouth" (of what becomes a cavity) or "small cavity": would close. "missed
+            samples" of a cloud lie off its surface, where a tunnel may be filled or a sheet left out.
+        width: diameter of the largest ball that fits there; of samples the longest side of their box.
         place: its center.
-        change: of the Euler characteristic of the surface, if it were gone, parted or closed.
+        change: of the Euler characteristic of the surface, if it were gone, parted or closed; None of samples.
         votes: share of the votes on a cloud that count the Euler characteristic with this change; None without votes.
     """
 
     kind: NarrowKind
     width: float
     place: Corner
-    change: int
+    change: int | None
     votes: float | None = None
 
 
@@ -87,3 +93,19 @@ def narrow_places(distance: SignedDistance, below: float) -> tuple[NarrowPlace, 
             if 2 * radius <= below
         ]
     return tuple(sorted(found, key=lambda one: (one.width, one.place)))
+
+
+def missed_places(samples: Floats, apart: float) -> tuple[NarrowPlace, ...]:
+    """Where several samples lie off the surface that was found.
+
+    Args:
+        samples: (M, 3), those off the surface.
+        apart: distance of neighbors in one place.
+    """
+    pairs = cKDTree(samples).query_pairs(apart, output_type="ndarray")
+    place = connected_labels(len(samples), *pairs.T)
+    groups = (samples[place == number] for number in np.flatnonzero(np.bincount(place) >= _FEWEST_MISSED))
+    boxes = ((group.min(0), group.max(0)) for group in groups)
+    return tuple(
+        NarrowPlace("missed samples", float((high - low).max()), corner((low + high) / 2), None) for low, high in boxes
+    )

@@ -77,6 +77,17 @@ def test_edges_are_joined_or_separated_as_the_integer_demands() -> None:
     assert (separated, joined) == (4, 2)
 
 
+@pytest.mark.parametrize("euler", [2, 4])
+def test_faces_are_counterclockwise_seen_from_outside_even_where_they_touch(euler: int) -> None:
+    complex_, _ = random_complex(1, 60)
+    inside = pair(complex_, 2)
+    surface = cut_surface(complex_, inside, euler)
+    a, b, c = complex_.points[surface.points][surface.faces].swapaxes(0, 1)
+    enclosed = (a * np.cross(b, c)).sum() / 6
+    edges = np.diff(complex_.points[complex_.tetrahedra[inside]], axis=1)
+    assert enclosed == pytest.approx(np.abs(np.linalg.det(edges)).sum() / 6)
+
+
 def test_no_tetrahedron_inside_gives_no_faces() -> None:
     complex_, _ = random_complex(0)
     assert len(cut_surface(complex_, np.zeros(len(complex_.tetrahedra), dtype=bool), 2).faces) == 0

@@ -22,7 +22,7 @@ class CutSurface:
     Attributes:
         points: (V,), the point on which each vertex lies; several vertices lie on a point where the surface touches
             itself.
-        faces: (F, 3), vertex indices; not oriented.
+        faces: (F, 3), vertex indices; counterclockwise seen from outside the solid.
     """
 
     points: Integers
@@ -55,13 +55,20 @@ def cut_surface(complex_: DelaunayComplex, inside: Booleans, euler: int) -> CutS
 def _taken_apart(complex_: DelaunayComplex, inside: Booleans, *, joined: bool) -> CutSurface:
     """The boundary of the solid; every edge gets two faces and every vertex one fan."""
     tetrahedron, corner = separating_facets(complex_, inside)
-    faces = facets_at(complex_.tetrahedra, tetrahedron, corner)
+    faces = _facing(complex_, facets_at(complex_.tetrahedra, tetrahedron, corner), tetrahedron, corner)
     if len(faces) == 0:
         return CutSurface(faces.ravel(), faces)
     fans = _fans(faces, _across_edges(complex_, inside, tetrahedron, corner, faces, joined))
     points = np.empty(int(fans.max()) + 1, dtype=np.int64)
     points[fans] = faces.ravel()
     return CutSurface(points, fans.reshape(-1, 3))
+
+
+def _facing(complex_: DelaunayComplex, faces: Integers, tetrahedron: Integers, corner: Integers) -> Integers:
+    """Facets (F, 3), counterclockwise seen from outside the tetrahedra (F,) opposite to whose corners (F,) they are."""
+    a, b, c = complex_.points[faces].swapaxes(0, 1)
+    is_turned = (np.cross(b - a, c - a) * complex_.facet_normal[tetrahedron, corner]).sum(1) < 0
+    return np.where(is_turned[:, None], faces[:, ::-1], faces)
 
 
 def _across_edges(

@@ -59,7 +59,8 @@ _NOISE = 0.1  # roughness, in spacings, from which most samples are off any surf
 def cloud_confidence(witness: Witness) -> float:
     """Probability that the integer of a closed cloud counts all features wider than the resolution, from 0 to 1.
 
-    It is 0 if no closed surface has that integer. Calibrated on samples of shapes of known topology, whole families of shapes left out; see docs/accuracy.md.
+    It is 0 if no closed surface has that integer. Calibrated on samples of shapes of known topology, whole families of
+    shapes left out; see docs/accuracy.md.
     """
     if not witness.has_genus:
         return 0.0

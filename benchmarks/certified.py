@@ -25,6 +25,7 @@ from benchmarks.bounded_operations import OPERATIONS, outside
 from benchmarks.known_level_sets import KNOWN, SINGULAR, Function
 from benchmarks.surfaces import network
 from topokit.core.implicit.bounds.operations import program_of
+from topokit.core.implicit.certificate.cells import Effort
 from topokit.core.implicit.certificate.proof import Proof, prove
 
 BOX = (-1.0,) * 3, (1.0,) * 3
@@ -34,7 +35,7 @@ LIMIT = 600.0
 def proof_of(function: Function, limit: float = LIMIT) -> Proof:
     """The proof about a function that is negative inside."""
     example = torch.full((1, 3), 0.1, dtype=torch.float64)
-    return prove(program_of(lambda x: -function(x), example, "f"), *BOX, limit)
+    return prove(program_of(lambda x: -function(x), example, "f"), *BOX, Effort(seconds=limit))
 
 
 def counted(proof: Proof) -> tuple[tuple[int, ...], int, int] | None:

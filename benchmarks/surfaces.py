@@ -55,11 +55,12 @@ def network(path: Path) -> Callable[[Tensor], Tensor]:
         weights = [(torch.from_numpy(stored[name]), torch.from_numpy(stored[f"{name[:-1]}b"])) for name in dense]
         kinds = {name.split(".")[0]: name.split(".")[1] for name in stored.files if ".dense." not in name}
         names = [kinds.get(f"{int(name.split('.')[0]) + 1:04d}", "none") for name in dense]
-    active = {"relu": torch.relu, "elu": torch.nn.functional.elu, "tanh": torch.tanh, "none": lambda x: x}
+    active = {"relu": torch.relu, "elu": torch.nn.functional.elu, "tanh": torch.tanh}
 
     def evaluate(x: Tensor) -> Tensor:
         for (weight, bias), name in zip(weights, names, strict=True):
-            x = active[name](torch.addmm(bias.to(x), x, weight.to(x)))
+            x = torch.addmm(bias.to(x), x, weight.to(x))
+            x = active[name](x) if name in active else x
         return x[:, 0]
 
     return evaluate

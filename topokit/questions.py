@@ -15,7 +15,7 @@ def report(
     details: bool = False,
     locate: bool = False,
     features: bool | float = False,
-    certify: bool = False,
+    certify: bool | None = None,
     **options: Any,
 ) -> TopologyReport:
     """The report of a file or an object: `topokit.load(source, **options).report()`.

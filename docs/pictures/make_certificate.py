@@ -5,7 +5,6 @@ python docs/pictures/make_certificate.py
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from PIL import Image, ImageDraw
 from torch import Tensor
 
 from topokit.core.implicit.bounds.operations import program_of
-from topokit.core.implicit.certificate.cells import Leaves, Octree
+from topokit.core.implicit.certificate.cells import Effort, Leaves, Octree
 
 PICTURE = Path(__file__).with_name("certificate.webp")
 SIDE, HEIGHT = 640, 0.01
@@ -33,7 +32,7 @@ def main() -> None:
         return 0.1 * net.to(x)(x)[:, 0] + torch.minimum(*balls)
 
     program = program_of(lambda x: -function(x), torch.full((1, 3), 0.1, dtype=torch.float64), "a network")
-    tree = Octree(program, (-1.0,) * 3, (1.0,) * 3, time.monotonic() + 600)
+    tree = Octree(program, (-1.0,) * 3, (1.0,) * 3, Effort(seconds=600))
     picture = drawn(tree, tree.start())
     axis = (torch.arange(SIDE) + 0.5) * 2 / SIDE - 1
     points = torch.cartesian_prod(-axis, axis)

@@ -52,7 +52,7 @@ FILES: dict[str, tuple[str, Callable[[Path], None], tuple[str, ...], tuple[objec
     "mesh": ("torus.obj", write_mesh, ("--samples", "500"), (0, 1, "certain")),
     "points": ("sphere.xyz", write_points, (), (2, 0, "likely")),
     "voxels": ("torus.npy", write_volume, ("--threshold", "0", "--spacing", "0.1"), (0, 1, "certain")),
-    "occupancy": ("ball.pt", write_network, ("--adapter", "occupancy", "--level", "0", *SMALL), (2, 0, "likely")),
+    "occupancy": ("ball.pt", write_network, ("--adapter", "occupancy", "--level", "0", *SMALL), (2, 0, "certain")),
     "splats": ("scene.ply", write_splats, ("--component", "all", "--samples", "500"), None),
 }
 

@@ -97,8 +97,12 @@ def report(
         bool, typer.Option("--locate", help="Also where handles, boundaries and defects are; this takes longer.")
     ] = False,
     certify: Annotated[
-        bool, typer.Option("--certify", help="Try to prove the level sets of networks, for up to a minute each.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--certify/--no-certify",
+            help="Prove the level sets of networks, for up to a minute each; or not even where that is cheap.",
+        ),
+    ] = None,
     features: Annotated[
         bool, typer.Option("--features", help="Also how wide parts, tunnels and cavities are; this takes longer.")
     ] = False,
@@ -122,7 +126,8 @@ def report(
     ] = False,
 ) -> None:
     """Euler characteristic, genus, components, closedness and how far to believe them."""
-    asked = {"details": details, "locate": locate, "certify": certify, "features": above or features}
+    above_width = above or features
+    asked = {"details": details, "locate": locate, "certify": certify, "features": above_width}
     if tolerances:
         if forms.chosen not in (None, "text", "json") or html or output or any(asked.values()) or request.conditions:
             raise typer.BadParameter("--tolerances goes with --text, --json and -v only.")
@@ -137,7 +142,7 @@ def report(
         raise typer.BadParameter("--light goes with --html.")
     options = plain_options(opener.adapter, opener.given, labels=labels, **asked)
     lines = Journal(output or Path(), options, several=labels is not None, retries=retry_failed)
-    widths = width_columns(asked["features"])
+    widths = width_columns(above_width)
 
     def record(answer: Answer) -> dict[str, Any]:
         from topokit.report.report import plain

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.certificate.proof import Place, Proof
@@ -76,7 +76,7 @@ class Certificate:
         )
 
     def __str__(self) -> str:
-        return f"{self.name}: {self.statement}"
+        return f"{self.name}: {self.statement[:-2]}, {self.seconds:.3g} s)."
 
 
 def certificate(name: str, proof: Proof, low: Corner, high: Corner) -> Certificate:
@@ -111,8 +111,48 @@ def certificate(name: str, proof: Proof, low: Corner, high: Corner) -> Certifica
     )
 
 
+def with_proof(counted: CountedAnswer, found: Certificate, n_hidden: int, step: float) -> CountedAnswer:
+    """The answer of grids and what bounds say of it.
+
+    Args:
+        counted: by grids.
+        found: by bounds.
+        n_hidden: places that bounds leave where the function has a sign that grids do not see around them.
+        step: between the points of the finest grid.
+    """
+    proven = found.answer
+    deciding, others = counted.reasons[: counted.n_deciding], counted.reasons[counted.n_deciding :]
+    if proven is None:
+        is_hidden = n_hidden > 0
+        doubts = (_hidden(n_hidden, step),) if is_hidden else ()
+        tried = found.statement if found.components is not None else _untried(found.n_open)
+        return replace(
+            counted,
+            verdict="unsure" if is_hidden else counted.verdict,
+            reasons=(*doubts, *deciding, *others, tried),
+            n_deciding=len(doubts) + len(deciding),
+        )
+    further = (counted.evidence, *counted.further)
+    if (found.euler, proven.components.solid_betti) == (counted.evidence.integer, counted.components.solid_betti):
+        reasons = (found.statement, *counted.reasons)
+        return replace(proven, components=counted.components, reasons=reasons, further=further)
+    contradicted = f"Grids of up to {step:.3g} between points see another surface, of χ {counted.evidence.integer}."
+    return replace(proven, reasons=(found.statement, contradicted, *others), further=further)
+
+
+def _hidden(n_hidden: int, step: float) -> str:
+    return (
+        f"At {plural(n_hidden, 'place')} that bounds leave, the function has a sign that no point of the last grid "
+        f"within two cells has: parts thinner than {step:.3g} are missed."
+    )
+
+
+def _untried(n_open: int) -> str:
+    return f"Bounds prove nothing for as many evaluations: {plural(n_open, 'cell stays', 'cells stay')} open."
+
+
 def _statement(proof: Proof, low: Corner, high: Corner, reached: tuple[str, ...]) -> str:
-    size = f"{plural(proof.n_cells, 'cell')}, sides down to {proof.smallest:.2g}, {proof.seconds:.3g} s"
+    size = f"{plural(proof.n_cells, 'cell')}, sides down to {proof.smallest:.2g}"
     found = proof.components
     if found is None:
         return f"Not proven: {_open_places(proof)} ({size})."

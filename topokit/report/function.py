@@ -95,7 +95,7 @@ def _reasons(
             f"The function jumps to a constant within {found.first_step:.3g}, a cell of the first grid, so nothing "
             "tells where parts smaller than that may be."
         )
-    share = found.n_evaluations / found.n_vertices
+    share = found.n_evaluations / found.finest.n_vertices
     others = [
         f"Surface χ by counting on grids: {'; '.join(str(count) for count in found.counts)}.",
         f"{found.n_evaluations} points were evaluated, {100 * share:.1f} % of the finest grid's.",
@@ -108,7 +108,7 @@ def _reasons(
 def _settled(found: ConvergenceStudy) -> str:
     return (
         "Both connectivities agree on the last 3 grids, also with the level moved by up to a tenth of a cell's change; "
-        f"nothing is proven about what lies between grid points ({found.counts[-1].step:.3g} apart near the surface, "
+        f"they prove nothing about what lies between their points ({found.counts[-1].step:.3g} apart near the surface, "
         f"{found.first_step:.3g} elsewhere)."
     )
 

@@ -19,13 +19,12 @@ from topokit.core.mesh.defects import Defect
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
-from topokit.report.certificate import Certificate
 from topokit.report.cloud import cloud_report
 from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
 from topokit.report.simplification import Simplification
 from topokit.shape import estimates, facts, outputs
-from topokit.shape.certified import certified_report
+from topokit.shape.certified import Bounded, certified_report, certify
 from topokit.shape.compare import compare
 from topokit.shape.details import with_details
 from topokit.shape.features import features, narrow_places, with_doubts, with_features
@@ -57,7 +56,7 @@ class Shape:
         surface: makes the closed surface of the representation; without it that is the mesh, or that of the global
             witness.
         defects: finds faults; gets whether to look for self-intersections, too.
-        certify: proves the topology of a function's level set in so many seconds.
+        bounded: proves the topology of a function's level set by bounds.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -67,7 +66,7 @@ class Shape:
         simplification: what `simplify` did, if the shape is its result.
         advice: what to change in the call that made the shape if its samples give no sure answer.
 
-    All but `surface`, `defects` and `certify` are attributes, too; what functions make is made when it is needed.
+    All but `surface`, `defects` and `bounded` are attributes, too; what functions make is made when it is needed.
     """
 
     field: Field | None
@@ -80,7 +79,7 @@ class Shape:
     _known: Measurements
     _make_surface: Callable[[], TriangleSurface] | None
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
-    _prove: Callable[[float], Certificate] | None
+    _bounded: Bounded | None
 
     def __init__(
         self,
@@ -89,7 +88,7 @@ class Shape:
         *,
         surface: Callable[[], TriangleSurface] | None = None,
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
-        certify: Callable[[float], Certificate] | None = None,
+        bounded: Bounded | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
@@ -111,7 +110,7 @@ class Shape:
             _known=known,
             _make_surface=surface,
             _find_defects=defects,
-            _prove=certify,
+            _bounded=bounded,
         )
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -181,7 +180,7 @@ class Shape:
             self._known.counted_or_given,
             surface=self._make_surface,
             defects=self._find_defects,
-            certify=self._prove,
+            bounded=self._bounded,
             field=self.field,
             mesh=mesh,
             name=self.name,
@@ -229,7 +228,12 @@ class Shape:
         return known_genus(self.report(), is_manifold=manifold, cap=cap)
 
     def report(
-        self, *, details: bool = False, locate: bool = False, features: bool | float = False, certify: bool = False
+        self,
+        *,
+        details: bool = False,
+        locate: bool = False,
+        features: bool | float = False,
+        certify: bool | None = None,
     ) -> TopologyReport:
         """The topology of the surface with a verdict, reasons and evidence.
 
@@ -243,15 +247,16 @@ class Shape:
             features: whether to measure how wide parts, tunnels and cavities are (see `features`): those from the
                 default width on, or from the given one; and at which places a cloud is narrower than its resolution
                 (see `narrow_places`), which is also looked for if the verdict is "unsure".
-            certify: whether to try a proof (see `certify`, with its time limit) of the level set of a function, which
-                makes the answer "certain" without grids; where it fails, grids answer, and the report says what stays
-                open. It changes nothing for other shapes.
+            certify: of a function, whether to prove its level set by bounds (see `certify`). None tries it beside the
+                grids, for about as many evaluations as these took: the answer becomes "certain", or "unsure" where
+                bounds find parts that grids miss. True tries a minute, without grids; where it fails, grids answer, and
+                the report says what stays open. False asks the grids alone. It changes nothing for other shapes.
 
         Raises:
             InputError: if the samples are batched; or as for `certify`.
         """
-        if certify and self._prove is not None:
-            report = certified_report(self)
+        if self._bounded is not None and certify is not False:
+            report = certified_report(self, self._bounded, without_grids=certify is True)
         else:
             if self.counted is None:
                 self._known.examination()  # refuses batches
@@ -262,43 +267,6 @@ class Shape:
         if features is not False or report.verdict == "unsure":
             report = with_doubts(report, self)
         return with_details(report, self, self._known.automatic_neighbors()) if details else report
-
-    def certify(self, time_limit: float = 60.0) -> Certificate:
-        """A proof of the topology of a function's level set in its box, by bounds of the function and its gradient.
-
-        An octree is divided until every cell is free of the surface or holds a piece of it that is a graph, and the
-        surface is replaced by triangles of which a theorem says that an isotopy of the box turns them into it. All
-        bounds hold rounding errors. The function is taken in exact arithmetic with its weights as they are stored:
-        what another precision makes of it is not proven. It must be made of operations of torch that have bounds.
-
-        Args:
-            time_limit: seconds after which no cell is divided any more.
-
-        Returns:
-            A `Certificate`, with what is proven, or the places where nothing is.
-
-        Raises:
-            InputError: if the shape was not made from a function, an operation in it has no bounds (it is named), or
-                the time is not positive.
-
-        Reference:
-            After Plantinga and Vegter, "Isotopic approximation of implicit curves and surfaces", SGP 2004; the theorem
-            with its proof is in `topokit.core.implicit.certificate.proof`.
-
-        Example:
-            >>> import topokit as tk
-            >>> found = tk.from_sdf(lambda x: x.norm(dim=1) - 0.7, bounds=(-1, 1)).certify()
-            >>> found.verdict, found.euler, len(found.components)
-            ('certain', 2, 1)
-        """
-        if self._prove is None:
-            raise InputError(
-                f"{self.name} was not made from a function: only level sets of functions are proven by bounds. Meshes "
-                "and volumes are counted, which is a proof."
-            )
-        if not time_limit > 0:
-            raise InputError(f"time_limit must be positive, not {time_limit}.")
-        return self._prove(time_limit)
 
     def oriented(self) -> Shape:
         """The shape with outward normals, found by the global witness where its own have no signs.
@@ -428,6 +396,7 @@ class Shape:
     show = plot = outputs.show
     _repr_html_ = outputs.notebook_html
 
+    certify = certify
     euler_curve = euler_curve
     features = features
     handles = handles

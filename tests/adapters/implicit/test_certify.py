@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,8 @@ from typer.testing import CliRunner
 
 import topokit as tk
 from topokit.cli.app import app
+
+Function = Callable[[Tensor], Tensor]
 
 
 def torus(x: Tensor) -> Tensor:
@@ -31,12 +34,71 @@ def test_a_proven_level_set_is_certain() -> None:
     assert (report.confidence, report.closed, report.boundary_loops, report.resolution) == (1.0, True, 0, None)
     assert report.solid_betti == (1, 1, 0)
     assert report.reasons[0].startswith("Proven")
-    assert shape.report().verdict == "likely", "without a proof"
+    assert shape.report(certify=False).verdict == "likely", "without a proof"
     found = shape.certify()
     assert (found.verdict, found.euler, found.genus, found.places) == ("certain", 0, 1, ())
     assert found.surface is not None
     near = torus(torch.from_numpy(found.surface.vertices))
     assert float(near.abs().max()) < 0.05
+
+
+def test_reports_become_certain_where_a_proof_costs_no_more_than_the_grids() -> None:
+    shape = tk.from_sdf(torus, bounds=(-1, 1), resolution=128)
+    by_grids, both = shape.report(certify=False), shape.report()
+    assert (by_grids.verdict, both.verdict) == ("likely", "certain")
+    assert (both.euler, both.genus, both.solid_betti) == (by_grids.euler, by_grids.genus, by_grids.solid_betti)
+    assert both.reasons[1:] == by_grids.reasons
+    assert [one.integer for one in both.evidence] == [0, 0]
+    assert both.per_component is by_grids.per_component, "grids measure better than the triangles of a proof"
+    assert (both.resolution, both.confidence) == (None, 1.0)
+    again = tk.from_sdf(torus, bounds=(-1, 1), resolution=128).report()
+    assert (again.reasons, again.evidence) == (both.reasons, both.evidence), "no seconds in it"
+
+
+def with_spike(f: Function) -> Function:
+    """A function with a part of 0.001 that no grid of 128 cells sees, not even by its slope."""
+
+    def spiked(x: Tensor) -> Tensor:
+        return f(x) - torch.relu(1 - 1000 * (x - x.new_tensor((0.5, 0.5, 0.511))).abs().sum(1))
+
+    return spiked
+
+
+def test_a_part_that_grids_miss_is_counted_by_bounds() -> None:
+    shape = tk.from_sdf(with_spike(lambda x: x.norm(dim=1) - 0.6), bounds=(-1, 1), resolution=128)
+    by_grids, both = shape.report(certify=False), shape.report()
+    assert (by_grids.verdict, by_grids.euler) == ("likely", 2)
+    assert (both.verdict, both.euler, both.components) == ("certain", 4, 2)
+    assert [one.integer for one in both.evidence] == [4, 2]
+    assert "see another surface, of χ 2" in both.reasons[1]
+
+
+def test_what_bounds_contradict_is_not_likely_even_if_nothing_is_proven() -> None:
+    """As many cells as the grids pay for do not prove this torus, but they find the spike."""
+    shape = tk.from_sdf(with_spike(torus), bounds=(-1, 1), resolution=128)
+    by_grids, both = shape.report(certify=False), shape.report()
+    assert (by_grids.verdict, by_grids.euler) == ("likely", 0)
+    assert (both.verdict, both.euler, both.n_deciding) == ("unsure", 0, 2)
+    assert "60 places that bounds leave" in both.reasons[0]
+    assert "Bounds prove nothing" in both.reasons[-1]
+    assert shape.certify().euler == 2
+
+
+def test_functions_without_bounds_are_reported_as_ever() -> None:
+    def rounded(x: Tensor) -> Tensor:
+        return torus(x) + 0 * torch.floor(x).sum(1)
+
+    def branching(x: Tensor) -> Tensor:
+        return torus(x) if len(x) != 1 else torus(x) + float(x[0, 0].item() > 2)
+
+    def asserting(x: Tensor) -> Tensor:
+        assert len(x) > 1, "no single points"
+        return torus(x)
+
+    for f in (rounded, branching, asserting):
+        shape = tk.from_sdf(f, bounds=(-1, 1), resolution=128)
+        assert shape.report() == shape.report(certify=False)
+        assert shape.report().verdict == "likely"
 
 
 def test_what_stays_open_is_said_with_its_place() -> None:

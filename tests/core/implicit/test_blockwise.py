@@ -24,7 +24,7 @@ Function = Callable[[Tensor], Tensor]
 
 BOX = (-1.0, -0.8, -1.0), (1.0, 1.0, 0.5)
 FINEST = 32
-COMPARED = ("counts", "euler", "has_converged", "shifted_eulers", "n_unseen", "reached_faces", "n_vertices")
+COMPARED = ("counts", "euler", "has_converged", "shifted_eulers", "n_unseen", "reached_faces", "finest")
 
 
 def waves(seed: int) -> Function:

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from topokit.core.implicit.bounds.gradients import Zonotopes
 from topokit.core.implicit.bounds.operations import program_of
-from topokit.core.implicit.certificate.cells import Leaves, Octree, children, unbalanced
+from topokit.core.implicit.certificate.cells import Effort, Leaves, Octree, children, unbalanced
 from topokit.core.implicit.certificate.proof import Proof, _is_proven, prove
 from topokit.core.implicit.certificate.triangulation import triangulate
 
@@ -25,7 +25,7 @@ LOW, HIGH = (-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)
 def proof_of(function: Function, time_limit: float = 600.0) -> Proof:
     """The proof about a function that is negative inside."""
     program = program_of(lambda x: -function(x), torch.full((1, 3), 0.1, dtype=torch.float64), "f")
-    return prove(program, LOW, HIGH, time_limit)
+    return prove(program, LOW, HIGH, Effort(seconds=time_limit))
 
 
 def ball(center: tuple[float, float, float], radius: float) -> Function:
@@ -209,15 +209,32 @@ def test_the_time_limit_holds() -> None:
     )
     program = program_of(net, torch.zeros(1, 3), "net")
     started = time.monotonic()
-    found = prove(program, LOW, HIGH, 0.5)
+    found = prove(program, LOW, HIGH, Effort(seconds=0.5))
     assert time.monotonic() - started < 10
     assert found.components is None or found.seconds < 10
+
+
+def test_a_limit_of_evaluations_gives_the_same_proof_again() -> None:
+    def nearly_touching(x: Tensor) -> Tensor:
+        shift = x.new_tensor((0.3, 0, 0))
+        return 0.29 - torch.minimum((x - shift).norm(dim=1), (x + shift).norm(dim=1))
+
+    program = program_of(nearly_touching, torch.zeros(1, 3, dtype=torch.float64), "f")
+    whole, *limited = (prove(program, LOW, HIGH, Effort(evaluations=most)) for most in (torch.inf, 1e5, 1e5, 1e4))
+    assert whole.components is not None
+    assert whole.components.euler.tolist() == [2, 2]
+    assert len(whole.centers) == 0
+    assert [one.components for one in limited] == [None] * 3
+    assert limited[0].n_cells == limited[1].n_cells > limited[2].n_cells
+    assert 120 * limited[0].n_cells <= 1e5, "a cell of a norm counts as 120 evaluations"
+    assert np.array_equal(limited[0].centers, limited[1].centers)
+    assert len(limited[0].centers) >= limited[0].n_open == limited[1].n_open > 0
 
 
 def random_tree(seed: int) -> tuple[Octree, Leaves]:
     """A balanced octree, with holes for odd seeds."""
     program = program_of(lambda x: x[:, 0] + 0.3, torch.zeros(1, 3, dtype=torch.float64), "f")
-    tree = Octree(program, LOW, HIGH, time.monotonic() + 60)
+    tree = Octree(program, LOW, HIGH, Effort(seconds=60))
     generator = np.random.default_rng(seed)
     index, level = np.array(list(product(range(4), repeat=3))), np.zeros(64, dtype=np.int64)
 
@@ -264,7 +281,7 @@ def test_triangulations_conform(seed: int) -> None:
 def test_conditions_fail_where_values_are_wrong() -> None:
     """The same leaves with another interpolation: a dent, and a wrong sign beside a cell without surface."""
     program = program_of(ball((0, 0, 0), 0.5), torch.full((1, 3), 0.1, dtype=torch.float64), "f")
-    tree = Octree(program, LOW, HIGH, time.monotonic() + 60)
+    tree = Octree(program, LOW, HIGH, Effort(seconds=60))
     leaves = tree.divide(children(children(np.array(list(product(range(4), repeat=3))))), 2)
     good = triangulate(tree, leaves, tree.values, tree.bounded_values)
     assert _is_proven(tree, leaves, good).all()

@@ -220,7 +220,7 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings, is_probabilit
         surface.samples,
         surface.answer,
         surface=surface.triangles,
-        certify=surface.certificate,
+        bounded=surface,
         field=field,
         name=name,
         notes=notes,

@@ -27,6 +27,7 @@ from topokit.core.implicit.block_components import components_in_blocks
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.bounds.operations import program_of
 from topokit.core.implicit.bounds.program import Program
+from topokit.core.implicit.certificate.cells import Effort
 from topokit.core.implicit.certificate.proof import prove
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
 from topokit.core.implicit.level_set import (
@@ -37,12 +38,12 @@ from topokit.core.implicit.level_set import (
     outward_normals,
     project,
 )
-from topokit.core.implicit.unseen import carries_distance
+from topokit.core.implicit.unseen import carries_distance, count_hidden
 from topokit.core.progress import stages
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, Option
-from topokit.report.certificate import Certificate, certificate
+from topokit.report.certificate import Certificate, certificate, with_proof
 from topokit.report.function import function_answer
 from topokit.report.progress import progress_bar
 from topokit.report.report import CountedAnswer
@@ -53,6 +54,7 @@ _MOST_CELLS = 512  # along the longest side of a grid that is held in memory
 _BELOW_ZERO = -0.1  # values of a network that was fitted to 0 and 1 may ripple as far as that
 _CHECKED_CELLS = 15  # of the grid on which the operations of a proof are compared with their function
 _CHECKED_DIGITS = 2.0**14  # by which its own rounding may be larger than that of one operation
+_MOST_EVALUATIONS = 1 << 24  # that a proof beside grids may cost: finer grids, or those of a cluster, take far more
 _DRAWS = 4  # at most, of samples where projection has failed
 
 
@@ -88,6 +90,10 @@ class ImplicitSurface:
         self.blocks = blocks
         self._coarsest: AdaptiveField | None = None
         self._n_cells: int | None = None  # of the grid that shows the answer
+        self._answer: CountedAnswer | None = None
+        self._finest: Grid | None = None
+        self._n_evaluations = 0  # of the grids that gave the answer
+        self._witnessed: CountedAnswer | None = None
 
     def samples(self) -> SurfaceSamples:
         """Area-weighted points on the zero set with outward normals, both differentiable in f's weights.
@@ -146,14 +152,17 @@ class ImplicitSurface:
         Raises:
             InputError: as for `samples`.
         """
-        started = time.perf_counter()
-        with self._shown(self.resolution):
-            coarsest = self._coarsest_field()
-            study = convergence_study(coarsest, self.function.without_graph, self.resolution, self.blocks)
-        self._n_cells = study.shown.n_cells
-        components = self._components(study)
-        has_distance = carries_distance(coarsest.values)
-        return function_answer(study, has_distance, components, *self.bounds, time.perf_counter() - started)
+        if self._answer is None:
+            started = time.perf_counter()
+            with self._shown(self.resolution):
+                coarsest = self._coarsest_field()
+                study = convergence_study(coarsest, self.function.without_graph, self.resolution, self.blocks)
+            self._n_cells, self._finest, self._n_evaluations = study.shown.n_cells, study.finest, study.n_evaluations
+            components = self._components(study)
+            has_distance = carries_distance(coarsest.values)
+            seconds = time.perf_counter() - started
+            self._answer = function_answer(study, has_distance, components, *self.bounds, seconds)
+        return self._answer
 
     def _components(self, study: ConvergenceStudy) -> CountedComponents:
         """The closed surfaces on the grid that shows the answer."""
@@ -162,20 +171,52 @@ class ImplicitSurface:
             return count_solid(values, lambda part: part > 0, DEFAULT_CONNECTIVITY, study.shown).surfaces
         return components_in_blocks(study.known, DEFAULT_CONNECTIVITY, self.blocks)
 
-    def certificate(self, time_limit: float) -> Certificate:
+    def certificate(self, seconds: float) -> Certificate:
         """What bounds of the function and its gradient prove within so many seconds.
 
         Raises:
             InputError: if an operation of the function has no bounds, or the operations do not give its values.
         """
+        proof = prove(self._program(), *self.bounds, Effort(seconds=seconds))
+        return certificate(self.function.name, proof, *self.bounds)
+
+    def witnessed(self) -> CountedAnswer:
+        """The answer of grids with what bounds prove for as many evaluations; of grids alone if there are no bounds.
+
+        Raises:
+            InputError: as for `samples`.
+        """
+        counted = self.answer()
+        if self._witnessed is None:
+            try:
+                program = self._program()
+            except InputError:
+                self._witnessed = counted
+            else:
+                self._witnessed = self._with_proof(counted, program)
+        return self._witnessed
+
+    def _with_proof(self, counted: CountedAnswer, program: Program) -> CountedAnswer:
+        finest = self._finest
+        assert finest is not None
+        proof = prove(program, *self.bounds, Effort(evaluations=min(self._n_evaluations, _MOST_EVALUATIONS)))
+        n_hidden = count_hidden(self.function.without_graph, finest, torch.from_numpy(proof.centers))
+        return with_proof(counted, certificate(self.function.name, proof, *self.bounds), n_hidden, finest.step)
+
+    def _program(self) -> Program:
+        """The function's operations.
+
+        Raises:
+            InputError: as for `certificate`.
+        """
         function = self.function
         example = torch.zeros(1, 3, dtype=function.dtype, device=function.device)
-        program = program_of(
-            lambda x: function.sign * (function.f(x).reshape(-1) - function.level), example, function.name
-        )
-        low, high = self.bounds
-        _check_values(program, function, Grid.covering(low, high, _CHECKED_CELLS))
-        return certificate(function.name, prove(program, low, high, time_limit), low, high)
+        with uncompiled():
+            program = program_of(
+                lambda x: function.sign * (function.f(x).reshape(-1) - function.level), example, function.name
+            )
+        _check_values(program, function, Grid.covering(*self.bounds, _CHECKED_CELLS))
+        return program
 
     def triangles(self) -> TriangleSurface:
         """The zero set as triangles on the coarsest grid that shows the counted integer, its vertices on the zero set.

@@ -63,7 +63,7 @@ class ConvergenceStudy:
         field: the field on that grid; None if it was evaluated box by box.
         known: with which any box of that grid can be evaluated.
         n_evaluations: points at which the field was evaluated.
-        n_vertices: vertices of the finest grid.
+        finest: the grid of the last count.
     """
 
     counts: tuple[GridCount, ...]
@@ -77,7 +77,7 @@ class ConvergenceStudy:
     field: AdaptiveField | None
     known: Refinements
     n_evaluations: int
-    n_vertices: int
+    finest: Grid
 
 
 _KEPT_CELLS = 256  # finer grids are evaluated box by box: as a whole they would take gigabytes
@@ -156,7 +156,7 @@ def convergence_study(
         field=shown.field,
         known=shown.known,
         n_evaluations=sum(one.n_evaluations for one in found) + n_looks,
-        n_vertices=found[-1].grid.n_vertices,
+        finest=found[-1].grid,
     )
 
 

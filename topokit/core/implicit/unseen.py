@@ -18,6 +18,7 @@ _APART = 2  # cells around which no sign changes
 _STEPS = 6  # of Newton's method
 _DIFFERENCE = 1 / 16  # of a cell, between the points of a difference quotient and the place it is for
 _MOST_PLACES = 4096  # that are examined
+_MOST_POINTS = 1 << 16  # likewise, of which few are such places
 
 
 def carries_distance(values: Tensor) -> bool:
@@ -96,6 +97,28 @@ def count_unseen(evaluate: Evaluate, grid: Grid, lone: Tensor, nearest: float) -
         value = evaluate(points).cpu().double()
         reached |= (value.abs() <= nearest) | ((value > 0) != was_inside)
     return int(reached.sum()), len(starts) * (1 + 7 * _STEPS)
+
+
+def count_hidden(evaluate: Evaluate, grid: Grid, points: Tensor) -> int:
+    """At how many of some points the field has a sign that no vertex of the grid within two cells has.
+
+    Args:
+        evaluate: the field, as for `adaptive_grid.dense_field`.
+        grid: what sees the field at its vertices.
+        points: (M, 3) in the box of the grid; where there are many, evenly spread ones are examined.
+    """
+    points = points[:: -(-len(points) // _MOST_POINTS) or 1]
+    last = torch.tensor(grid.shape) - 1
+    cell = ((points - points.new_tensor(grid.origin)) / points.new_tensor(grid.spacing)).floor().long()
+    inside = evaluate(points).cpu() > 0
+    for reach in (0, _APART):
+        near = torch.cartesian_prod(*[torch.arange(-reach, reach + 2)] * 3)
+        vertices = (cell[:, None] + near).clamp(torch.zeros_like(last), last)
+        index = (vertices[..., 0] * grid.shape[1] + vertices[..., 1]) * grid.shape[2] + vertices[..., 2]
+        around = evaluate(grid.positions(index.reshape(-1))).cpu() > 0
+        is_hidden = (around.reshape(index.shape) != inside[:, None]).all(1)
+        cell, inside = cell[is_hidden][:_MOST_PLACES], inside[is_hidden][:_MOST_PLACES]
+    return len(cell)
 
 
 def _around(cells: Tensor, distance: int) -> Tensor:

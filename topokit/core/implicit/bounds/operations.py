@@ -38,6 +38,9 @@ _MEANT = {"alpha", "beta", "dim", "keepdim"}
 _KEYWORDS = _MEANT | {"dtype", "layout", "device", "pin_memory", "non_blocking", "memory_format", "implicit"}
 """Keywords of affine operations: those that matter, and those that do not as long as numbers stay real."""
 
+_OF_CALLS = (AssertionError, AttributeError, IndexError, KeyError, NameError, RuntimeError, TypeError, ValueError)
+"""What functions raise that ask more of their points than operations."""
+
 _FILLING = {"new_zeros", "new_ones", "new_full", "zeros_like", "ones_like", "full_like", "scalar_tensor"}
 """Operations that take only the shape of what depends on the point."""
 
@@ -82,7 +85,7 @@ def program_of(function: Callable[[Tensor], Tensor], example: Tensor, name: str)
     try:
         with torch.no_grad():
             graph = make_fx(function, decomposition_table=_decompositions())(example)
-    except (RuntimeError, TypeError, ValueError) as error:
+    except _OF_CALLS as error:
         said = " ".join(str(error).split())[:160]
         raise InputError(
             f"{name} cannot be written down as operations, so nothing can be proven about it: {said}. Compute with "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,9 @@ _MOST_LOCAL = 96  # in a cell whose own network is made
 _LOOK = 4  # halvings of a cell by its own network
 _MOST_CELLS = 1 << 24  # waiting at one time: 400 MB
 _ENTRIES = 1 << 15  # numbers in a vector of all cells that are bounded together
+_LINEAR, _CURVED, _KINK, _LOCAL = 20, 120, 4, 10
+"""Evaluations of the function that take as long as bounding a cell of ReLUs alone, one of curves, every kink in it, and
+a cell by the network of a larger one."""
 
 OFFSETS = np.array(list(product((0, 1), repeat=3)))
 """(8, 3) the children of a cell, and its corners."""
@@ -59,6 +63,19 @@ class Leaves:
         )
 
 
+@dataclass(frozen=True)
+class Effort:
+    """What a proof may cost.
+
+    Attributes:
+        seconds: after which no cell is divided any more.
+        evaluations: of the function that take as long: a limit that does not depend on the machine.
+    """
+
+    seconds: float = math.inf
+    evaluations: float = math.inf
+
+
 class Found(NamedTuple):
     """What was found in cells: leaves, and cells that are undecided, with their level."""
 
@@ -74,16 +91,19 @@ class Octree:
         program: the function, whose level set is at 0.
         low: lowest corner of the box.
         high: highest corner.
-        deadline: time (`time.monotonic`) after which no cell is divided any more.
+        effort: what it may cost.
     """
 
-    def __init__(self, program: Program, low: Corner, high: Corner, deadline: float) -> None:
-        self.program, self.deadline = program, deadline
+    def __init__(self, program: Program, low: Corner, high: Corner, effort: Effort) -> None:
+        self.program, self.effort = program, effort
+        self.deadline = time.monotonic() + effort.seconds
         self.low, self.side = np.array(low), np.array(high) - np.array(low)
         self.root = np.maximum(1, np.rint(_ROOT * self.side / self.side.max())).astype(np.int64)
         self.n_bounded = 0
+        self.cost = 0  # in evaluations of the function
         self.deepest = 0
         self.open: list[tuple[Integers, int]] = []  # cells that stay undecided, with their level
+        self._per_cell = _LINEAR if program.is_piecewise_linear else _CURVED
         self._chunk = max(64, _ENTRIES // max(program.widths))
 
     def start(self) -> Leaves:
@@ -105,7 +125,7 @@ class Octree:
             cells = np.concatenate(waiting.pop(level))
             for start in range(0, len(cells), self._chunk):
                 part = cells[start : start + self._chunk]
-                if time.monotonic() > self.deadline or len(cells) > _MOST_CELLS:
+                if self.is_over(len(cells) - start) or len(cells) > _MOST_CELLS:
                     self.open.append((cells[start:], level))
                     break
                 for leaves, rest, reached in self._leaves_in(part, level):
@@ -116,6 +136,10 @@ class Octree:
                     elif len(rest):
                         waiting.setdefault(reached + 1, []).append(children(rest))
         return Leaves.joined(found)
+
+    def is_over(self, n_cells: int = 0) -> bool:
+        """Whether so many cells more cannot be bounded any more."""
+        return time.monotonic() > self.deadline or self.cost + self._per_cell * n_cells > self.effort.evaluations
 
     def bounds(self, cells: Integers, level: int) -> tuple[Floats, Floats]:
         """(n, 3) lowest and highest corners of cells."""
@@ -147,6 +171,7 @@ class Octree:
         self.n_bounded += len(cells)
         centers, half = self._boxes(cells, level)
         forms = self.program.forms(centers, half.expand_as(centers))
+        self.cost += self._per_cell * len(cells) + _KINK * len(forms[-1].owner)
         low, high = (end[:, 0] for end in forms[-1].ends)
         kinks = count_kinks(self.program, forms)
         undecided = (~((low > 0) | (high < 0))).nonzero()[:, 0]
@@ -171,6 +196,7 @@ class Octree:
         for depth in range(1, _LOOK + 1):
             cells, network, level = children(cells), np.repeat(np.arange(len(cells)), 8), level + 1
             self.n_bounded += len(cells)
+            self.cost += _LOCAL * len(cells)
             offset = ((2 * cells + 1) * 0.5**depth - (2 * origin[network] + 1)).astype(np.float64)
             found = nested(networks, network, offset, 0.5**depth + slack)
             undecided = np.nonzero(found.sign == 0)[0]
@@ -179,7 +205,7 @@ class Octree:
             yield Found(self._leaves(cells[undecided], level, gradient, is_graph), cells[:0], level)
             rest = undecided[~is_graph.numpy()]
             cells = cells[rest]
-            if not len(rest) or level == DEEPEST or depth == _LOOK or time.monotonic() > self.deadline:
+            if not len(rest) or level == DEEPEST or depth == _LOOK or self.is_over():
                 break
             networks, origin = restricted(networks, network[rest], found.state[rest]), origin[network[rest]]
         yield Found(_none(), cells, level)

@@ -44,11 +44,11 @@ from scipy.ndimage import label
 from scipy.sparse import csr_array
 from torch import Tensor
 
-from topokit.core.arrays import Booleans, Integers
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.bounds.gradients import Zonotopes
 from topokit.core.implicit.bounds.program import Program
-from topokit.core.implicit.certificate.cells import DEEPEST, Leaves, Octree, children, rises, unbalanced
+from topokit.core.implicit.certificate.cells import DEEPEST, Effort, Leaves, Octree, children, rises, unbalanced
 from topokit.core.implicit.certificate.triangulation import Triangulation, triangulate
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
@@ -69,6 +69,7 @@ class Proof:
         reached: for each axis, whether the surface reaches the lower and the upper face of the box.
         places: boxes around the cells in which nothing is proven, largest first; none if all is.
         n_open: those cells.
+        centers: (n, 3) of all cells that are open or may hold the surface, if some are open; else none.
         n_cells: cells whose bounds were computed.
         n_leaves: cells in which the surface is a graph.
         smallest: side of the smallest cell.
@@ -80,23 +81,24 @@ class Proof:
     reached: tuple[tuple[bool, bool], ...]
     places: tuple[Place, ...]
     n_open: int
+    centers: Floats
     n_cells: int
     n_leaves: int
     smallest: float
     seconds: float
 
 
-def prove(program: Program, low: Corner, high: Corner, time_limit: float) -> Proof:
-    """Prove the topology of {f = 0} in a box, as far as that is possible in a time.
+def prove(program: Program, low: Corner, high: Corner, effort: Effort) -> Proof:
+    """Prove the topology of {f = 0} in a box, as far as an effort allows.
 
     Args:
         program: f, positive inside.
         low: lowest corner of the box.
         high: highest corner.
-        time_limit: seconds after which no cell is divided any more.
+        effort: what it may cost.
     """
     started = time.monotonic()
-    tree = Octree(program.without_end(), low, high, started + time_limit)
+    tree = Octree(program.without_end(), low, high, effort)
     leaves = tree.start()
     mesh = None
     while not tree.open:
@@ -121,6 +123,7 @@ def prove(program: Program, low: Corner, high: Corner, time_limit: float) -> Pro
         reached=reached,
         places=places,
         n_open=n_open,
+        centers=_centers(tree, leaves),
         n_cells=tree.n_bounded,
         n_leaves=len(leaves.level),
         smallest=float((tree.side / tree.root).max() / 2.0**tree.deepest),
@@ -135,7 +138,7 @@ def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
     parts = [leaves.rows(np.nonzero(is_kept)[0])]
     for level in np.unique(leaves.level[chosen]).tolist():
         cells = leaves.index[chosen[leaves.level[chosen] == level]]
-        if level == DEEPEST or time.monotonic() > tree.deadline:
+        if level == DEEPEST or tree.is_over(8 * len(cells)):
             tree.open.append((cells, level))
         else:
             parts.append(tree.divide(children(cells), level + 1))
@@ -261,6 +264,15 @@ def _places(tree: Octree) -> tuple[tuple[Place, ...], int]:
     np.maximum.at(highest, of, high)
     order = np.argsort(-(highest - lowest).max(1), kind="stable")
     return tuple((tuple(lowest[k].tolist()), tuple(highest[k].tolist())) for k in order), n_open
+
+
+def _centers(tree: Octree, leaves: Leaves) -> Floats:
+    """(n, 3) of open cells and of leaves, if any are open."""
+    if not tree.open:
+        return np.zeros((0, 3))
+    levels = np.unique(leaves.level).tolist()
+    cells = [*tree.open, *((leaves.index[leaves.level == level], level) for level in levels)]
+    return np.concatenate([np.mean(tree.bounds(*part), axis=0) for part in cells])
 
 
 def _reached(tree: Octree, surface: TriangleSurface | None) -> tuple[tuple[bool, bool], ...]:

@@ -32,6 +32,7 @@ def certify(shape: Shape, time_limit: float = 60.0) -> Certificate:
     what another precision makes of it is not proven. It must be made of operations of torch that have bounds.
 
     Args:
+        shape: made from a function.
         time_limit: seconds after which no cell is divided any more.
 
     Returns:

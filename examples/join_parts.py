@@ -74,8 +74,8 @@ def main() -> None:
     before, fit_before = fine_field_and_data_term()
     print(f"before: {describe_surfaces(before)}; data term {fit_before:.2e}")
 
-    shape = tk.from_occupancy(net, level=0, bounds=((-1, -1, -1), (1, 1, 1)), field_resolution=32)
-    loss = tk.TopologyLoss(genus=0, change="add")  # log-odds are large numbers: 0.02 is enough beside their data term
+    shape = tk.from_occupancy(net, logits=True, bounds=((-1, -1, -1), (1, 1, 1)), field_resolution=32)
+    loss = tk.TopologyLoss(genus=0, change="add")
     monitor = tk.TopologyMonitor(loss, every=10, patience=15)
     optimizer = torch.optim.Adam(net.parameters(), lr=1e-3)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, 300)
@@ -83,7 +83,7 @@ def main() -> None:
         if monitor(step, shape):
             break
         optimizer.zero_grad()
-        (data_term(torch.randint(len(points), (4096,))) + 0.02 * loss(shape, keys="net")).backward()
+        (data_term(torch.randint(len(points), (4096,))) + loss(shape, keys="net")).backward()
         optimizer.step()
         schedule.step()
 

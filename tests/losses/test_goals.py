@@ -147,3 +147,20 @@ def test_wrong_goals_are_named(call: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         call()
     assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(("logits", "power"), [(False, 2), (True, 1)])
+def test_slopes_of_log_odds_do_not_grow_with_them(logits: bool, power: int) -> None:
+    """Beside a squared error it is in squared units; beside a cross-entropy, whose slopes are bounded, it is not."""
+
+    def hole(x: Tensor) -> Tensor:
+        ring = torch.hypot(x[:, 0], x[:, 1]) - 0.5
+        return 0.3 - torch.hypot(ring, x[:, 2])
+
+    def loss_of(scale: float) -> Tensor:
+        options = {"bounds": (-1, 1), "field_resolution": 16}
+        one = tk.from_occupancy(lambda x: scale * hole(x), logits=logits, level=0.5 if logits else 0.0, **options)
+        return tk.topology_loss(one, betti=(1, 0, 0))
+
+    assert float(loss_of(10.0)) == pytest.approx(10.0**power * float(loss_of(1.0)), rel=1e-4)
+    assert float(loss_of(1.0)) > 0

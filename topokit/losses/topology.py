@@ -29,6 +29,9 @@ from topokit.losses.source import Source
 # of 500 margins. With benchmarks/topology_tasks.py: a tenth is enough on grids but not for networks, which take ten
 # times of it, too.
 STIFFNESS = 1000.0
+# The same slope for log-odds, whatever their size: that of a cross-entropy is at most 1. Beside it STIFFNESS bent three
+# shapes of networks, and 30 and 100 changed the topology of all.
+LOG_ODDS_SLOPE = 50.0
 
 
 class TopologyLoss(FieldLoss):
@@ -37,7 +40,8 @@ class TopologyLoss(FieldLoss):
     The loss finds the nearest solid with this topology, and from it the voxels that decide: those that must be on one
     side of the level by a margin τ, and are not. It is a squared error of the field at these voxels, a mean over the
     whole grid like a data term, with slopes that do not grow beyond the margin; so weight 1 is right beside a mean
-    squared error, and networks of log-odds take about 0.02. This opens, closes, joins, splits and removes; see
+    squared error. Where a function is said to give log-odds, `from_occupancy(net, logits=True)`, slopes are those that
+    weight 1 is right for beside a mean cross-entropy. This opens, closes, joins, splits and removes; see
     docs/topology-loss.md. The topology is asked for in both connectivities, so that any mesher agrees, unless voxels
     meet through an edge or a corner only, as in noise.
 
@@ -221,6 +225,8 @@ class TopologyLoss(FieldLoss):
 def margin_loss(field: Field, n_terms: float, decisive: DecisiveVoxels | None, margin: float) -> Tensor:
     """Huber loss of the decisive voxels' shortfalls, in squared units of the field, over the number of terms; 0-d.
 
+    That of log-odds is in units of the field.
+
     Differentiable in the field's values at these voxels. It is zero without any, but has a graph to the field all the
     same, so that `backward` works.
     """
@@ -230,7 +236,8 @@ def margin_loss(field: Field, n_terms: float, decisive: DecisiveVoxels | None, m
     values = at_least_single(field.values_at(decisive.voxels))
     shortfalls = torch.relu(1 - decisive.sides.to(values) * values / margin)
     errors = smooth_l1_loss(shortfalls, torch.zeros_like(shortfalls), reduction="sum")
-    return (STIFFNESS * margin / n_terms) * (margin * errors)
+    slope = LOG_ODDS_SLOPE if field.is_log_odds else STIFFNESS * margin
+    return (slope / n_terms) * (margin * errors)
 
 
 def _check_numbers(values: Values, item: str) -> None:

@@ -153,7 +153,7 @@ def from_occupancy(
     blocks = _blocks(block_voxels, client)
     sizes = resolution, n_samples, field_resolution, batch_size
     settings = _Settings(bounds, on_surface, *sizes, starts, n_neighbors, generator, blocks)
-    return _shape(name, function, 1, settings, is_probability=not logits and level == _EVEN)
+    return _shape(name, function, 1, settings, not logits and level == _EVEN, logits)
 
 
 def _blocks(block_voxels: int | None, client: Any) -> Blocks:
@@ -203,7 +203,14 @@ class _Settings:
         check_sample_count(self.n_samples, given_or_default(self.n_neighbors))
 
 
-def _shape(name: str, f: Function, sign: int, settings: _Settings, is_probability: bool = False) -> Shape:
+def _shape(
+    name: str,
+    f: Function,
+    sign: int,
+    settings: _Settings,
+    is_probability: bool = False,
+    is_log_odds: bool = False,
+) -> Shape:
     bounds = UNIT_CUBE if settings.bounds is None else as_bounds(settings.bounds)
     function = LevelFunction(f, settings.level, sign, name, _probes(bounds), settings.batch_size, is_probability)
     notes: tuple[str, ...] = ()
@@ -215,7 +222,8 @@ def _shape(name: str, f: Function, sign: int, settings: _Settings, is_probabilit
     starts = None if settings.starts is None else as_positions(settings.starts, "starts")
     sizes = settings.resolution, settings.n_samples
     surface = ImplicitSurface(function, bounds, *sizes, seed, settings.blocks, starts)
-    field = FunctionField(function, Grid.covering(*bounds, settings.field_resolution), DEFAULT_CONNECTIVITY)
+    grid = Grid.covering(*bounds, settings.field_resolution)
+    field = FunctionField(function, grid, DEFAULT_CONNECTIVITY, is_log_odds)
     return Shape(
         surface.samples,
         surface.answer,

@@ -233,10 +233,16 @@ class FunctionField(Field):
 
     is_costly = True
 
-    def __init__(self, function: LevelFunction, grid: Grid, connectivity: int) -> None:
-        """Args: function: positive inside; grid: where to evaluate it; connectivity: 6 or 26, that of the solid."""
+    def __init__(self, function: LevelFunction, grid: Grid, connectivity: int, is_log_odds: bool = False) -> None:
+        """
+        Args:
+            function: positive inside.
+            grid: where to evaluate it.
+            connectivity: 6 or 26, that of the solid.
+            is_log_odds: see `Field`.
+        """
         super().__init__(grid, connectivity)
-        self.function = function
+        self.function, self.is_log_odds = function, is_log_odds
 
     @property
     def device(self) -> torch.device:

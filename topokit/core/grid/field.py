@@ -32,6 +32,7 @@ class Field(ABC):
         connectivity: 6 or 26, that of the solid; the background has the other one.
         is_costly: whether values are computed when they are asked for, so that a few are much cheaper than all.
         is_binary: whether the values say no more than what is inside.
+        is_log_odds: whether they are log-odds, so that a data term beside is a cross-entropy.
 
     Raises:
         InputError: for another connectivity.
@@ -39,6 +40,7 @@ class Field(ABC):
 
     is_costly = False
     is_binary = False
+    is_log_odds = False
 
     def __init__(self, grid: Grid, connectivity: int) -> None:
         self.grid = grid

@@ -29,8 +29,8 @@ from topokit.losses.source import Source
 # of 500 margins. With benchmarks/topology_tasks.py: a tenth is enough on grids but not for networks, which take ten
 # times of it, too.
 STIFFNESS = 1000.0
-# The same slope for log-odds, whatever their size: that of a cross-entropy is at most 1. Slopes of 1000 margins cost two
-# networks 59 and 76 % of their data term, this one at most 4.4 % (docs/topology-loss-measured.md).
+# The same slope for log-odds, whatever their size: that of a cross-entropy is at most 1. Slopes of 1000 margins cost
+# two networks 59 and 76 % of their data term, this one at most 4.4 % (docs/topology-loss-measured.md).
 LOG_ODDS_SLOPE = 50.0
 
 

@@ -33,7 +33,6 @@ from scipy.spatial.transform import Rotation
 
 import topokit as tk
 from topokit.report.confidence import EVIDENCE, cloud_evidence
-from topokit.shape.features import with_doubts
 
 Floats = NDArray[np.float64]
 
@@ -170,7 +169,7 @@ def answer(draw: Draw, solid: Planted) -> dict[str, Any]:
         "repeated": witness is not None and witness.is_smoothed,
         "widened": witness is not None and witness.is_shifted,
         "boundaries": len(boundary.curves),
-        "doubts": [(one.kind, one.width, one.change, one.votes) for one in with_doubts(report, shape).doubts or ()],
+        "doubts": [(one.kind, one.width, one.change, one.votes) for one in found.doubts or ()],
         "seconds": round(time.process_time() - started, 2),
     }
 

@@ -34,6 +34,7 @@ from topokit.report.verdict import (
     overlaps,
     volume_verdict,
     wire_checks,
+    without_doubts,
 )
 from topokit.testing import torus_samples
 
@@ -103,6 +104,15 @@ def test_the_confidence_decides_alone() -> None:
     assert cloud_confidence(crowded) < limit("confidence") < cloud_confidence(a_witness())
     assert {check.name for check in cloud_checks(crowded, rim()) if not check.passed} == {"confidence"}
     assert cloud_verdict(cloud_checks(crowded, rim())) == "unsure"
+
+
+def test_fewer_samples_may_count_otherwise_where_nothing_is_narrow() -> None:
+    seen = a_witness(votes=votes_of({"cut": 2, "field": 2}) + halves(5, 3))
+    checks = cloud_checks(seen, rim())
+    assert {check.name for check in checks if not check.passed} == {"coarse"}
+    assert cloud_verdict(without_doubts(checks)) == "likely"
+    shadowed = a_witness(votes=votes_of({"cut": 2}) + halves(5, 3))
+    assert cloud_verdict(without_doubts(cloud_checks(shadowed, rim()))) == "unsure"
 
 
 def test_agreement_of_one_family_is_not_likely() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from topokit.core.cloud.evidence import Witness
-from topokit.core.cloud.settings import QualitySettings
+from topokit.report.doubts import is_noisy
 from topokit.report.verdict import THRESHOLDS, Check
 
 _AFTER = {
@@ -38,8 +38,3 @@ def cloud_advice(witness: Witness | None, n_points: int, checks: Sequence[Check]
         return f"Less noise would help most{', or normals that were measured with the points' * has_no_normals}."
     normals = "; normals with the points help, too" * has_no_normals
     return f"More points would help most: about {4 * witness.n_points} show features half as wide{normals}."
-
-
-def is_noisy(witness: Witness) -> bool:
-    """Whether noise hides narrow features, so that more points alone would not show them."""
-    return witness.preparation == "averaged" or witness.quality.roughness > QualitySettings().clean

@@ -36,6 +36,7 @@ from topokit.report.verdict import (
     lids,
     open_checks,
     wire_checks,
+    without_doubts,
 )
 from topokit.report.wording import plural, position
 
@@ -75,12 +76,14 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
     wire = witness.wire
     checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
+    if wire is None and cloud_verdict(checks) == "unsure" and found.doubts == ():
+        checks = without_doubts(checks)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if witness.has_genus else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
     deciding, others = check_sentences(checks, witness)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
-    return _report(
+    report = _report(
         found,
         euler=witness.euler,
         verdict=cloud_verdict(checks),
@@ -99,6 +102,20 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         closed=True,
         confidence=confidence,
     )
+    return report if wire is not None or report.verdict == "likely" else with_doubts(report, found)
+
+
+def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:
+    """The report of a closed cloud with the places where it may be wrong, or a sentence that tells why there are none.
+
+    Args:
+        report: of the cloud.
+        found: the measurements.
+    """
+    if report.doubts is not None or found.doubts_refusal is None:
+        return replace(report, doubts=found.doubts)
+    note = f"Doubtful places were not looked for: {found.doubts_refusal}"
+    return report if note in report.reasons else replace(report, reasons=(*report.reasons, note))
 
 
 def _open_report(found: Examination) -> TopologyReport:

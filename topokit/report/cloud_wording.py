@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
-from topokit.report.advice import is_noisy
 from topokit.report.confidence import cloud_confidence
+from topokit.report.doubts import is_noisy
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 

@@ -25,7 +25,9 @@ from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
 from topokit.core.samples import SurfaceSamples
-from topokit.errors import InputError
+from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.errors import InputError, TopokitError
+from topokit.report.doubts import cloud_doubts
 from topokit.report.progress import progress_bar
 from topokit.report.verdict import is_open_sheet, lids
 
@@ -152,6 +154,27 @@ class Examination:
         found = self._witness_or_refusal
         return found if isinstance(found, Witness) else None
 
+    @cached_property
+    def _doubts_or_refusal(self) -> tuple[NarrowPlace, ...] | TopokitError:
+        if self.witness is None:
+            return InputError("no closed surface was found.")
+        try:
+            return cloud_doubts(self.witness, self.samples.points.cpu().double().numpy())
+        except TopokitError as refusal:
+            return refusal
+
+    @property
+    def doubts(self) -> tuple[NarrowPlace, ...] | None:
+        """Where the answer may be wrong, or None if that cannot be told."""
+        found = self._doubts_or_refusal
+        return found if isinstance(found, tuple) else None
+
+    @property
+    def doubts_refusal(self) -> TopokitError | None:
+        """Why it cannot be told where the answer may be wrong, or None."""
+        found = self._doubts_or_refusal
+        return None if isinstance(found, tuple) else found
+
     @property
     def refusal(self) -> InputError | None:
         """Why there is no global witness, or None."""
@@ -167,7 +190,7 @@ def _for_all_points(found: Witness, near: Tensor, points: Tensor) -> Witness:
     normals[rows] = found.normals
     surface = None if found.surface is None else replace(found.surface, points=rows[found.surface.points])
     covers = tuple(replace(patch, samples=rows[patch.samples]) for patch in found.lids)
-    return replace(found, normals=normals, surface=surface, lids=covers)
+    return replace(found, normals=normals, surface=surface, lids=covers, missed=rows[found.missed])
 
 
 def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:

@@ -6,17 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 
-from topokit.core.cloud.votes import share_of
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.scale.features import CELLS_PER_WIDTH, SolidFeatures, solid_features
-from topokit.core.scale.narrow_places import NarrowPlace, missed_places
-from topokit.core.scale.narrow_places import narrow_places as places_in
-from topokit.core.scale.signed_distance import signed_distance
+from topokit.core.scale.narrow_places import NarrowPlace, surface_places
+from topokit.core.scale.signed_distance import MOST_VERTICES, signed_distance, smallest_cell
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, TopokitError
-from topokit.report.advice import is_noisy
 from topokit.report.report import TopologyReport, known_euler
 from topokit.shape.surface import closed_surface, found_surface
 
@@ -26,8 +22,6 @@ if TYPE_CHECKING:
 _CELLS_WITHIN = 6  # across the narrowest features if their width is given: a limit that someone asks about
 _ERROR = 0.5  # cells by which the widths of 160 planted features were wrong, 98 of 100 by less
 _CELLS = 128  # along the longest side of the first grid, if no width is asked for
-_CELLS_BELOW = 6  # across the largest width of narrow places
-_MOST_VERTICES = 1 << 23  # of a grid: about 8 s and 1.2 GB
 
 
 def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
@@ -64,7 +58,7 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
     """
     report, surface = shape.report(), closed_surface(shape)
     sides = np.ptp(surface.vertices, axis=0)
-    smallest = CELLS_PER_WIDTH * _smallest_cell(surface)
+    smallest = CELLS_PER_WIDTH * smallest_cell(surface)
     if finest is None:
         width = max(report.resolution or 0.0, CELLS_PER_WIDTH * float(sides.max()) / _CELLS)
         found = _features(surface, width, known_euler(report))
@@ -76,15 +70,10 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
         raise InputError(f"finest is {finest!r}; a positive width in units of length was expected.")
     if finest < smallest:
         raise InputError(
-            f"{shape.name}: features {finest:.4g} wide need a grid of more than {_MOST_VERTICES:.0e} vertices; ask for "
+            f"{shape.name}: features {finest:.4g} wide need a grid of more than {MOST_VERTICES:.0e} vertices; ask for "
             f"those from {smallest:.2g} on."
         )
-    return _features(surface, finest, known_euler(report), max(finest / _CELLS_WITHIN, _smallest_cell(surface)))
-
-
-def _smallest_cell(surface: TriangleSurface) -> float:
-    """Of a grid with as many vertices as are allowed."""
-    return float((np.ptp(surface.vertices, axis=0).prod() / _MOST_VERTICES) ** (1 / 3))
+    return _features(surface, finest, known_euler(report), max(finest / _CELLS_WITHIN, smallest_cell(surface)))
 
 
 def _features(surface: TriangleSurface, finest: float, euler: int, cell: float | None = None) -> SolidFeatures:
@@ -122,15 +111,7 @@ def narrow_places(shape: Shape, below: float) -> tuple[NarrowPlace, ...]:
         raise InputError(f"{shape.name} has no closed surface.")
     if shape.mesh is not None:  # others face outward
         surface = TriangleSurface(surface.vertices, mesh_topology(surface.vertices, surface.faces).faces)
-    if not below > 0:
-        raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
-    cell = max(below / _CELLS_BELOW, _smallest_cell(surface))
-    if cell > below / CELLS_PER_WIDTH:
-        raise InputError(
-            f"{shape.name}: places narrower than {below:.4g} need a grid of more than {_MOST_VERTICES:.0e} vertices; "
-            f"ask for those below {CELLS_PER_WIDTH * cell:.2g}."
-        )
-    return places_in(signed_distance(surface, cell), below)
+    return surface_places(surface, below)
 
 
 def with_features(report: TopologyReport, shape: Shape, finest: float | None) -> TopologyReport:
@@ -139,37 +120,3 @@ def with_features(report: TopologyReport, shape: Shape, finest: float | None) ->
         return replace(report, features=features(shape, finest))
     except TopokitError as error:
         return replace(report, reasons=(*report.reasons, f"Widths of features were not measured: {error}"))
-
-
-def with_doubts(report: TopologyReport, shape: Shape) -> TopologyReport:
-    """The report of a closed cloud with the places that are narrower than its resolution; others as they are.
-
-    If they cannot be looked for, a sentence tells why.
-    """
-    if shape.counted is not None or not report.closed or report.resolution is None:
-        return report
-    below, euler = report.resolution, known_euler(report)
-    try:
-        return replace(report, doubts=shape._known.once("doubts", lambda: _doubts(shape, below, euler)))
-    except TopokitError as error:
-        note = f"Doubtful places were not looked for: {error}"
-        return replace(report, reasons=(*report.reasons, note))
-
-
-def _doubts(shape: Shape, below: float, euler: int) -> tuple[NarrowPlace, ...]:
-    """Where the answer about a cloud may be wrong.
-
-    These are its narrow places, each with the share of the votes that count as if it were otherwise: first those with
-    most of them, of equals the narrowest. The places where samples are off the surface follow, unless noise does that.
-    """
-    places = narrow_places(shape, below)
-    witness = shape._known.examination().witness
-    if witness is None:
-        return places
-    counted = [value for vote in witness.votes for value in vote.eulers]
-    voted = [replace(one, votes=share_of(euler + (one.change or 0), counted)) for one in places]
-    voted.sort(key=lambda one: (-(one.votes or 0.0), one.width, one.place))
-    if is_noisy(witness):
-        return tuple(voted)
-    missed = shape.samples.points[torch.from_numpy(witness.missed)].detach().cpu().double().numpy()
-    return (*voted, *missed_places(missed, below / 2))

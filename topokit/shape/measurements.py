@@ -98,7 +98,7 @@ class Measurements:
         """Whether the surface was counted and has no boundary."""
         return not self._may_leave_box and self.counted is not None and self.counted.closed
 
-    def once(self, name: str, measure: Callable[[], Measured]) -> Measured:
+    def _once(self, name: str, measure: Callable[[], Measured]) -> Measured:
         """What was measured, under a name; measured again if the tensors of the samples were changed in place."""
         versions, found = self._found.get(name, (None, None))
         current = self.samples.versions()
@@ -109,7 +109,7 @@ class Measurements:
 
     def neighbors(self) -> Tensor:
         """(B, N, k) indices of the 20 nearest neighbors, or of as many as there are."""
-        return self.once("neighbors", self._search)
+        return self._once("neighbors", self._search)
 
     def _search(self) -> Tensor:
         samples = self.samples
@@ -122,11 +122,11 @@ class Measurements:
         """The number of neighbors that the samples' noise calls for; 20 for batches with padding."""
         if self.samples.lengths is not None:
             return DEFAULT_NEIGHBORS
-        return self.once("automatic", lambda: automatic_neighbors(self.samples.points, self.neighbors()))
+        return self._once("automatic", lambda: automatic_neighbors(self.samples.points, self.neighbors()))
 
     def examinations(self) -> tuple[Examination, ...]:
         """The measurements behind the verdict on every batch item."""
-        return self.once("examinations", self._examine)
+        return self._once("examinations", self._examine)
 
     def _examine(self) -> tuple[Examination, ...]:
         if stays_on_device(self.samples.points):

@@ -19,7 +19,7 @@ from topokit.core.mesh.defects import Defect
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
-from topokit.report.cloud import cloud_report
+from topokit.report.cloud import cloud_report, with_doubts
 from topokit.report.examination import outward_samples
 from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
 from topokit.report.simplification import Simplification
@@ -27,7 +27,7 @@ from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import Bounded, certified_report, certify
 from topokit.shape.compare import compare
 from topokit.shape.details import with_details
-from topokit.shape.features import features, narrow_places, with_doubts, with_features
+from topokit.shape.features import features, narrow_places, with_features
 from topokit.shape.levels import euler_curve
 from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
@@ -264,8 +264,8 @@ class Shape:
         report = with_location(report, self) if locate else report
         if features is not False:
             report = with_features(report, self, None if features is True else features)
-        if features is not False or report.verdict == "unsure":
-            report = with_doubts(report, self)
+            if self.counted is None and report.closed:
+                report = with_doubts(report, self._known.examination())
         return with_details(report, self, self._known.automatic_neighbors()) if details else report
 
     def oriented(self) -> Shape:

@@ -16,9 +16,11 @@ from scipy.spatial import cKDTree
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner, corner
 from topokit.core.labels import connected_labels
-from topokit.core.scale.features import largest_balls
+from topokit.core.scale.features import CELLS_PER_WIDTH, largest_balls
 from topokit.core.scale.pairs import persistent_pairs
-from topokit.core.scale.signed_distance import SignedDistance
+from topokit.core.scale.signed_distance import MOST_VERTICES, SignedDistance, signed_distance, smallest_cell
+from topokit.core.surface import TriangleSurface
+from topokit.errors import InputError
 
 NarrowKind = Literal[
     "thin part",
@@ -38,6 +40,7 @@ _PARTING: tuple[NarrowKind, ...] = ("thin neck", "thin membrane", "thin wall")  
 _CLOSING: tuple[NarrowKind, ...] = ("narrow gap", "narrow tunnel", "small cavity")  # one that growing removes
 _JOINING: tuple[NarrowKind, ...] = ("narrow gap", "narrow gap", "narrow mouth")  # one that growing adds
 
+_CELLS_BELOW = 6  # across the largest width of narrow places
 _FEWEST_MISSED = 3  # samples off the surface: by chance they are alone
 _SHORTEST = 1.5  # cells of r over which a class must last: shorter ones are those of the grid
 
@@ -62,6 +65,32 @@ class NarrowPlace:
     place: Corner
     change: int | None
     votes: float | None = None
+
+
+def surface_places(
+    surface: TriangleSurface, below: float, most_vertices: int = MOST_VERTICES
+) -> tuple[NarrowPlace, ...]:
+    """The narrow places of the solid inside a surface, narrowest first.
+
+    Args:
+        surface: closed triangles, counterclockwise seen from outside the solid.
+        below: largest width, in units of length.
+        most_vertices: of the grid, on which there are six cells across that width, or three if six take too many.
+
+    Raises:
+        InputError: if `below` is not positive or needs too fine a grid, or the surface is not closed.
+        MissingDependencyError: if cripser is not installed.
+    """
+    if not below > 0:
+        raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
+    finest = smallest_cell(surface, most_vertices)
+    cell = max(below / _CELLS_BELOW, finest)
+    if cell > below / CELLS_PER_WIDTH:
+        raise InputError(
+            f"places narrower than {below:.4g} need a grid of more than {most_vertices:.0e} vertices; ask for those "
+            f"below {CELLS_PER_WIDTH * finest:.2g}."
+        )
+    return narrow_places(signed_distance(surface, cell), below)
 
 
 def narrow_places(distance: SignedDistance, below: float) -> tuple[NarrowPlace, ...]:

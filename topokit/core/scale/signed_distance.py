@@ -22,6 +22,9 @@ _MARGIN = (1.6817, 1.7282, 1.8586)
 _SAMPLES_PER_CELL = 3.0  # along each direction of a triangle
 _CHUNK = 1 << 22  # samples in memory at once
 
+MOST_VERTICES = 1 << 23
+"""Of a grid: with persistent homology 10 to 25 s and 1.2 GB."""
+
 
 @dataclass(frozen=True, eq=False)
 class SignedDistance:
@@ -42,6 +45,11 @@ class SignedDistance:
     def place(self, index: Floats) -> Floats:
         """The places (M, 3) of vertices with some indices (M, 3)."""
         return self.low + self.cell * index
+
+
+def smallest_cell(surface: TriangleSurface, most_vertices: int = MOST_VERTICES) -> float:
+    """Distance between vertices on a grid around a surface with as many vertices as are allowed."""
+    return float((np.ptp(surface.vertices, axis=0).prod() / most_vertices) ** (1 / 3))
 
 
 def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ import torch
 import trimesh
 
 import topokit as tk
+from topokit.batch.widths import width_values
+from topokit.core.scale.features import SolidCounts
 from topokit.testing import genus_mesh, torus_mesh, torus_samples
 from topokit.testing.surfaces import sphere_samples
 
@@ -47,7 +50,7 @@ def test_every_representation_has_the_same_widths(representation: str) -> None:
     tunnel = next(one for one in found.features if one.kind == "tunnel")
     assert tunnel.thickness == pytest.approx(2 * MINOR, rel=0.12)
     assert tunnel.opening == pytest.approx(2 * (MAJOR - MINOR), rel=0.12)
-    assert found.narrower == 0
+    assert found.narrower == (0, 0, 0)
 
 
 def test_genus_above_a_width() -> None:
@@ -73,10 +76,25 @@ def test_without_features_nothing_is_above() -> None:
         report.above(0.1)
 
 
+def test_a_tunnel_and_a_part_that_cancel_in_the_integer_are_both_found() -> None:
+    bar, ring = trimesh.creation.box((2.0, 0.1, 0.1)), trimesh.creation.torus(0.025, 0.0125)
+    found = tk.from_mesh(trimesh.util.concatenate([bar, ring.apply_translation((0.3, 0.15, 0.0))])).features()
+    assert (found.narrower, found.counts) == ((0, 0, 0), (2, 1, 0))
+    assert sorted(one.kind for one in found.features) == ["part", "part", "tunnel"]
+
+
+def test_the_narrowest_feature_is_unknown_if_the_grid_cannot_show_it() -> None:
+    report = tk.from_mesh(torus_mesh()).report(features=True)
+    assert width_values(report, True)["narrowest_cavity"] == math.inf
+    drilled = replace(report, features=replace(report.features, counts=SolidCounts(1, 2, 0)))
+    assert width_values(drilled, True)["narrowest_tunnel"] is None
+    assert "narrower: 1 tunnel" in drilled.text()
+
+
 def test_by_default_the_grid_is_as_fine_as_what_is_counted() -> None:
     bar, speck = trimesh.creation.box((2.0, 0.1, 0.1)), trimesh.creation.icosphere(3, 0.0125)
     found = tk.from_mesh(trimesh.util.concatenate([bar, speck.apply_translation((0.3, 0.1, 0.0))])).features()
-    assert (found.narrower, len(found.features)) == (0, 2)
+    assert (found.narrower, len(found.features)) == ((0, 0, 0), 2)
     assert found.finest < 3 / 128 * 2 / 2
     assert found.features[0].width == pytest.approx(0.025, rel=0.1)
 

@@ -26,14 +26,15 @@ def width_columns(features: bool | float) -> tuple[str, ...]:
 def width_values(report: TopologyReport, features: bool | float) -> dict[str, Any]:
     """The values of these columns; None if widths could not be measured.
 
-    The narrowest feature is that among those that were looked for, infinitely wide if there is none of its kind.
+    The narrowest feature is that among those that were looked for, infinitely wide if there is none of its kind. It is
+    unknown if no width was given and there are narrower ones than the grid could show.
     """
     values: dict[str, Any] = dict.fromkeys(width_columns(features))
     if not values or report.features is None:
         return values
-    for column in NARROWEST:
+    for column, narrower in zip(NARROWEST, report.features.narrower, strict=True):
         widths = (one.width for one in report.features.features if f"narrowest_{one.kind}" == column)
-        values[column] = min(widths, default=math.inf)
+        values[column] = None if features is True and narrower > 0 else min(widths, default=math.inf)
     if features is not True:
         counts = report.above(features)
         values |= {column: getattr(counts, column.removeprefix("above_")) for column in COUNTS}

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from topokit.core.mesh.topology import mesh_topology
-from topokit.core.scale.features import CELLS_PER_WIDTH, SolidFeatures, solid_features
+from topokit.core.scale.features import CELLS_PER_WIDTH, SolidCounts, SolidFeatures, solid_features
 from topokit.core.scale.narrow_places import NarrowPlace, surface_places
 from topokit.core.scale.signed_distance import MOST_VERTICES, signed_distance, smallest_cell
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, TopokitError
-from topokit.report.report import TopologyReport, known_euler
+from topokit.report.report import TopologyReport
 from topokit.shape.surface import closed_surface, found_surface
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
         finest: width of the narrowest features to look for, in units of length, on a grid with six cells across it, or
             three if that grid would be too fine. Half the width takes eight times as long. By default, with three
             cells, the report's `resolution`, but at least 2.3 % of the longest side of the surface's box;
-            where the integer is counted and narrower features add to it, half of that, and so on, down to what the
+            where the answer is counted and there are narrower features, half of that, and so on, down to what the
             largest grid allows.
 
     Returns:
@@ -57,14 +57,17 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
         (0.6, 1.4)
     """
     report, surface = shape.report(), closed_surface(shape)
+    if report.solid_betti is None:
+        raise InputError(f"{shape.name}: it is not known how many parts, tunnels and cavities there are.")
+    counts = SolidCounts(*report.solid_betti)
     sides = np.ptp(surface.vertices, axis=0)
     smallest = CELLS_PER_WIDTH * smallest_cell(surface)
     if finest is None:
         width = max(report.resolution or 0.0, CELLS_PER_WIDTH * float(sides.max()) / _CELLS)
-        found = _features(surface, width, known_euler(report))
-        while found.narrower and report.resolution is None and width > smallest:
+        found = _features(surface, width, counts)
+        while any(found.narrower) and report.resolution is None and width > smallest:
             width = max(width / 2, smallest)
-            found = _features(surface, width, found.euler)
+            found = _features(surface, width, counts)
         return found
     if not finest > 0:
         raise InputError(f"finest is {finest!r}; a positive width in units of length was expected.")
@@ -73,14 +76,14 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
             f"{shape.name}: features {finest:.4g} wide need a grid of more than {MOST_VERTICES:.0e} vertices; ask for "
             f"those from {smallest:.2g} on."
         )
-    return _features(surface, finest, known_euler(report), max(finest / _CELLS_WITHIN, smallest_cell(surface)))
+    return _features(surface, finest, counts, max(finest / _CELLS_WITHIN, smallest_cell(surface)))
 
 
-def _features(surface: TriangleSurface, finest: float, euler: int, cell: float | None = None) -> SolidFeatures:
+def _features(surface: TriangleSurface, finest: float, counts: SolidCounts, cell: float | None = None) -> SolidFeatures:
     """On a grid of some cells, by default as many as are needed to find what is `finest` wide."""
     cell = finest / CELLS_PER_WIDTH if cell is None else cell
     found = tuple(one for one in solid_features(signed_distance(surface, cell)) if one.width >= finest)
-    return SolidFeatures(found, finest, euler, _ERROR * cell)
+    return SolidFeatures(found, finest, counts, _ERROR * cell)
 
 
 def narrow_places(shape: Shape, below: float) -> tuple[NarrowPlace, ...]:

@@ -95,13 +95,13 @@ class SolidFeatures:
     Attributes:
         features: narrowest first.
         finest: width from which all are found, in units of length.
-        euler: Euler characteristic of the surface with all features, as reported.
+        counts: how many features of each kind there are of all widths, as reported.
         error: of widths, nearly always at most, in units of length.
     """
 
     features: tuple[Feature, ...]
     finest: float
-    euler: int
+    counts: SolidCounts
     error: float
 
     def above(self, width: float) -> SolidCounts:
@@ -123,9 +123,10 @@ class SolidFeatures:
         return SolidCounts(pieces, tunnels, cavities)
 
     @property
-    def narrower(self) -> int:
-        """What features narrower than `finest` add to the Euler characteristic, all together."""
-        return self.euler - self.above(self.finest).euler
+    def narrower(self) -> SolidCounts:
+        """How many features of each kind are narrower than `finest`; negative where the grid shows some more."""
+        pieces, tunnels, cavities = (a - b for a, b in zip(self.counts, self.above(self.finest), strict=True))
+        return SolidCounts(pieces, tunnels, cavities)
 
     def curve(self) -> tuple[tuple[float, int], ...]:
         """The Euler characteristic of the features from each width on: widths, ascending from `finest`, with χ."""

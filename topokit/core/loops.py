@@ -42,6 +42,11 @@ def bounds_of(points: Floats) -> tuple[Corner, Corner]:
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
 
 
+def width_of(bounds: tuple[Corner, Corner]) -> float:
+    """The longest side of a box."""
+    return max(b - a for a, b in zip(*bounds, strict=True))
+
+
 def middle(bounds: tuple[Corner, Corner]) -> Corner:
     """Middle of a box."""
     x, y, z = ((a + b) / 2 for a, b in zip(*bounds, strict=True))

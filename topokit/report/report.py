@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache
 from importlib.resources import files
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.grid.boxes import PeriodicSolid
 from topokit.core.grid.placement import Placement
+from topokit.core.loops import BoundaryLoop, width_of
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.core.scale.features import SolidCounts, SolidFeatures
 from topokit.core.scale.narrow_places import NarrowPlace
@@ -353,19 +354,36 @@ def known_euler(report: TopologyReport) -> int:
     return report.euler
 
 
-def known_genus(report: TopologyReport, *, is_manifold: bool | None = None, cap: bool = True) -> int:
+def known_genus(
+    report: TopologyReport,
+    boundaries: Callable[[], Sequence[BoundaryLoop]],
+    *,
+    is_manifold: bool | None = None,
+    cap: bool | float = True,
+) -> int:
     """The report's genus.
 
     Args:
         report: of a shape.
-        cap: whether the genus of an open surface is an answer.
+        boundaries: traces the rims of an open surface of which the report has no widths.
         is_manifold: whether the surface was counted to be a manifold, or None if it was not.
+        cap: whether the genus of an open surface is an answer, or how wide its rims may be.
 
     Raises:
-        GenusError: if it is undefined or unknown; the message says why and which call says more.
+        GenusError: if it is undefined or unknown, or a rim is wider; the message says why and which call says more.
+        InputError: if that width is no positive number.
     """
-    if report.genus is not None and (cap or report.closed):
+    if not isinstance(cap, bool) and not cap > 0:
+        raise InputError(f"cap is {cap!r}; expected True, False, or a positive width in units of length.")
+    if report.genus is not None and (report.closed or cap is True):
         return report.genus
+    if report.genus is not None and cap is not False:
+        widest = max(report.rim_widths or [width_of(loop.bounds) for loop in boundaries()])
+        if widest <= cap:
+            return report.genus
+        raise GenusError(
+            f"{report.name}: its widest rim is {widest:.4g} wide, wider than cap={cap:g}. genus(cap=True) closes all rims."
+        )
     if is_manifold:
         reason, call = "The surface is one-sided (not orientable).", f"shape.report().euler is {report.euler}."
     elif is_manifold is False:

@@ -209,23 +209,23 @@ class Shape:
             mesh = mesh[0].to(*args, **kwargs), mesh[1].to(samples.points.device)
         return self._with(samples, mesh)
 
-    def genus(self, *, above: float | None = None, cap: bool = True) -> int:
+    def genus(self, *, above: float | None = None, cap: bool | float = True) -> int:
         """Handles summed over components, from the report's integer.
 
         Args:
             above: count only handles at least so wide, in units of length; see `features`.
             cap: whether an open surface has a genus: that of the surface with a disc in each of its rims, whose widths
-                the report says. False accepts closed surfaces only.
+                the report says. A width, in units of length, closes rims up to it; False accepts closed surfaces only.
 
         Raises:
             GenusError: if the surface is not a manifold or not orientable, its genus is unknown, or it is open and
-                `cap` is False; the message names the call that says more.
-            InputError: with `above`, as for `features`.
+                `cap` is False or less than the width of a rim; the message names the call that says more.
+            InputError: with `above`, as for `features`; if `cap` is no positive width.
         """
         if above is not None:
             return self.features(above).above(above).genus
         manifold = None if self.counted is None else self.counted.manifold
-        return known_genus(self.report(), is_manifold=manifold, cap=cap)
+        return known_genus(self.report(), self.boundaries, is_manifold=manifold, cap=cap)
 
     def report(
         self,

@@ -93,7 +93,13 @@ def test_the_integer_of_an_open_manifold_is_certain() -> None:
     assert (report.euler, report.genus, report.boundary_loops) == (-1, 1, 1)
     assert (report.verdict, report.closed, report.n_deciding) == ("certain", False, 1)
     assert "one or two faces" in report.reasons[0]
-    assert shape.genus() == 1
+    width = np.ptp(vertices[faces[0]], axis=0).max()
+    assert shape.genus() == shape.genus(cap=1.01 * width) == 1
+    with pytest.raises(GenusError, match=f"{width:.4g} wide"):
+        shape.genus(cap=0.99 * width)
+    for wrong in (0.0, np.nan):
+        with pytest.raises(InputError, match="positive width"):
+            shape.genus(cap=wrong)
 
 
 def test_a_mobius_strip_is_certain_and_has_no_genus() -> None:

@@ -159,6 +159,8 @@ def test_a_rim_is_closed_by_the_cap_and_said() -> None:
     assert (report.verdict, report.closed, report.genus) == ("likely", False, 0)  # a torus without its underside
     assert (report.euler, report.boundary_loops, len(report.rim_widths)) == (0, 2, 2)
     assert "genus 0 after closing 2 rims" in str(report)
-    assert shape.genus() == 0
+    assert shape.genus() == shape.genus(cap=report.rim_widths[0]) == 0
     with pytest.raises(GenusError, match="not closed"):
         shape.genus(cap=False)
+    with pytest.raises(GenusError, match=r"wider than cap=0\.1"):
+        shape.genus(cap=0.1)

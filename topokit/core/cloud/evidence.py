@@ -35,7 +35,8 @@ class Witness:
         spacing: typical distance between the used points, in units of length; of a large cloud the median.
         resolution: size of the smallest feature that the votes can see, in units of length.
         seconds: time per stage.
-        surface: that of the first cut, as triangles of the points given; None where it is not what was taken over.
+        surface: that of the first cut, or, of a closed cloud, of the first one with that integer, as triangles of the
+            points given; components and cavities are its own. None where it is not what was taken over.
         preparation: "whole" (all points in every cut), "sampled" (normals from all points, cuts of samples where
             features are small), "averaged" (noise hides the surface from neighbors: even samples, each moved onto the
             plane of its wider neighborhood) or "wire" (one-dimensional everywhere: even samples, no cuts).

@@ -16,7 +16,15 @@ from topokit.core.cloud.samples import Sampler
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.tetrahedra import Cut
 from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches
-from topokit.core.cloud.votes import OrientedCloud, SampleQuality, Vote, complex_of, gather_votes, sample_quality
+from topokit.core.cloud.votes import (
+    OrientedCloud,
+    SampleQuality,
+    Vote,
+    complex_of,
+    gather_votes,
+    sample_quality,
+    surface_eulers,
+)
 from topokit.core.progress import begin
 
 
@@ -54,7 +62,7 @@ class Reconstruction:
         signs: where the outward directions came from.
         found: the orientation; None if the given signs are used.
         votes: of every setting.
-        cut: the first one.
+        cuts: of all samples, one for each setting.
         quality: how well the samples support the answer.
         oriented_at: when the normals were known, on the clock of `time.perf_counter`.
         settings: with which it was found.
@@ -67,12 +75,22 @@ class Reconstruction:
     signs: Signs
     found: Orientation | None
     votes: tuple[Vote, ...]
-    cut: Cut
+    cuts: tuple[Cut, ...]
     quality: SampleQuality
     oriented_at: float
     settings: CloudSettings
     is_shifted: bool = False
     is_smoothed: bool = False
+
+    @property
+    def cut(self) -> Cut:
+        """The first one."""
+        return self.cuts[0]
+
+    def cut_with(self, euler: int) -> Cut:
+        """The first cut whose surface has an Euler characteristic, from inside or outside; else the first of all."""
+        complex_ = self.cloud.complex_
+        return next((cut for cut in self.cuts if euler in surface_eulers(complex_, cut)), self.cut)
 
     @property
     def has_given_signs(self) -> bool:
@@ -121,9 +139,9 @@ def reconstruct(cloud: Cloud, patches: Patches, settings: CloudSettings) -> Reco
     oriented, signs, found = _oriented(cloud, patches, settings)
     oriented_at = time.perf_counter()
     begin("counting")
-    votes, cut = gather_votes(oriented, settings)
-    quality = sample_quality(oriented, patches, cut, settings)
-    return Reconstruction(oriented, patches, signs, found, votes, cut, quality, oriented_at, settings)
+    votes, cuts = gather_votes(oriented, settings)
+    quality = sample_quality(oriented, patches, cuts[0], settings)
+    return Reconstruction(oriented, patches, signs, found, votes, cuts, quality, oriented_at, settings)
 
 
 def _oriented(

@@ -85,7 +85,7 @@ def _with_more_samples(before: Reconstruction, settings: CloudSettings) -> Recon
         before,
         cloud=replace(cloud, samples=samples, local=local, complex_=complex_),
         votes=(*votes, *fewer, *fields),
-        cut=cuts[0],
+        cuts=cuts,
         quality=replace(before.quality, coverage=cuts[0].coverage, roughness=roughness),
     )
 
@@ -101,7 +101,7 @@ def _with_less_noise(before: Reconstruction, settings: CloudSettings) -> Reconst
         again = reconstruct(Cloud(moved, axes, oriented=False), patches_of(moved, settings.patches), settings)
     votes = before.votes + again.votes
     shown = again if tally(again.votes)[0] == tally(votes)[0] else before
-    return replace(before, cloud=shown.cloud, votes=votes, cut=shown.cut, is_smoothed=True)
+    return replace(before, cloud=shown.cloud, votes=votes, cuts=shown.cuts, is_smoothed=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +135,8 @@ def _with_shifts(before: Reconstruction, settings: CloudSettings) -> Reconstruct
     normals = cloud.samples.spread(best.normals, cloud.normals)
     points = cloud.points + best.length[cloud.samples.owner, None] * cloud.samples.spread(axes, cloud.normals)
     moved = replace(cloud, points=points, normals=normals, local=best.local, complex_=best.complex_)
-    votes, cut = gather_votes(moved, settings, best.cuts)
-    return replace(before, cloud=moved, votes=votes + others, cut=cut, is_shifted=best is not trials[0])
+    votes, cuts = gather_votes(moved, settings, best.cuts)
+    return replace(before, cloud=moved, votes=votes + others, cuts=cuts, is_shifted=best is not trials[0])
 
 
 def _shifted(

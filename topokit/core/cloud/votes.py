@@ -114,8 +114,8 @@ class OrientedCloud:
 
 def gather_votes(
     cloud: OrientedCloud, settings: CloudSettings, made: Sequence[Cut] = ()
-) -> tuple[tuple[Vote, ...], Cut]:
-    """The vote of every setting, and the first cut.
+) -> tuple[tuple[Vote, ...], tuple[Cut, ...]]:
+    """The vote of every setting, and the cuts of all samples.
 
     Args:
         cloud: with outward normals.
@@ -129,7 +129,7 @@ def gather_votes(
         votes += coarse.result()
         n_points = min(len(cloud.points), settings.fields.most_points)
         votes += [Vote("field", k, (euler,), n_points) for field in fields for k, euler in field.result()]
-    return tuple(votes), cuts[0]
+    return tuple(votes), cuts
 
 
 def cut_votes(

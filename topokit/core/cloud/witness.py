@@ -160,8 +160,9 @@ def _solid_witness(
     settings: CloudSettings,
     start: float,
 ) -> Witness:
-    cloud, inside = found.cloud, found.cut.inside
+    cloud = found.cloud
     euler, agreement = tally(found.votes)
+    inside = (found.cut if found.lids else found.cut_with(euler)).inside  # lids are facets of the first cut
     components, cavities = count_parts(cloud.complex_, inside)
     used = entry.kept[cloud.samples.kept]
     surface = cut_surface(cloud.complex_, inside, euler)

@@ -1,6 +1,7 @@
 """Closed meshes as splats on a table in a room: is the object found, and its genus?
 
     python benchmarks/splat_rooms.py DATA --shapes 40 --out rooms.jsonl
+    python benchmarks/splat_rooms.py DATA --shapes 1 --splats 93000 --out large.jsonl    # a million in the largest room
 
 DATA holds index.json and the closed meshes that it names. Each stands on a table in three rooms: alone; before a wall,
 with more haze and floaters; in the corner of two walls, turned by a random rotation. What faces down near the table is
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import resource
 import time
 from pathlib import Path
 from typing import Any
@@ -28,21 +30,23 @@ import topokit as tk
 
 Floats = NDArray[np.float64]
 
-SPLATS = 6_000  # of an object
+SPLATS = 6_000  # of an object, unless another number is asked for
 DOWN = -0.5  # height of the normals of what is missing near the table
 NEAR = 0.1  # of the object's height
 COARSE = 2.5  # spacing of the splats of tables and walls over that of the object
 STYLE = Style(overlap=0.7, spread=1.5, jitter=0.05, faintest=0.4)
 
 
-def room(mesh: trimesh.Trimesh, kind: int, rng: np.random.Generator) -> tuple[tk.GaussianSplats, int]:
+def room(
+    mesh: trimesh.Trimesh, kind: int, rng: np.random.Generator, count: int = SPLATS
+) -> tuple[tk.GaussianSplats, int]:
     """A scene whose first splats are those of the object, and how many these are."""
-    places, face = trimesh.sample.sample_surface(mesh, SPLATS, seed=int(rng.integers(1 << 31)))
+    places, face = trimesh.sample.sample_surface(mesh, count, seed=int(rng.integers(1 << 31)))
     places, normals = np.asarray(places), mesh.face_normals[face]
     extent = float(np.ptp(places, axis=0).max())
     places = (places - places.mean(0)) / extent
     places[:, 2] -= places[:, 2].min()
-    spacing = float(np.sqrt(mesh.area / SPLATS)) / extent
+    spacing = float(np.sqrt(mesh.area / count)) / extent
     hidden = (normals[:, 2] < DOWN) & (places[:, 2] < NEAR * np.ptp(places[:, 2]))
     parts = [splats_at(places[~hidden], normals[~hidden], spacing, STYLE, rng)]
     n_object = len(parts[0])
@@ -52,7 +56,7 @@ def room(mesh: trimesh.Trimesh, kind: int, rng: np.random.Generator) -> tuple[tk
     for _ in range(3 + 4 * kind):  # floaters
         center, count = rng.uniform([-1.4, -1.4, 0.3], [1.4, 1.4, 2.0]), int(rng.integers(3, 20))
         parts.append(_cloud(rng, center, 0.03, count, spacing, (0.3, 0.9)))
-    parts.append(_cloud(rng, np.array([0, 0, 1.0]), 0.7, SPLATS * (1 + kind) // 20, 2 * spacing, (0.02, 0.15)))
+    parts.append(_cloud(rng, np.array([0, 0, 1.0]), 0.7, count * (1 + kind) // 20, 2 * spacing, (0.02, 0.15)))
     turn = Rotation.random(rng=rng) if kind == 2 else Rotation.identity()
     names = ("means", "scales", "quaternions", "opacities")
     columns = [torch.cat([getattr(part, name) for part in parts]) for name in names]
@@ -83,16 +87,16 @@ def _cloud(
     return tk.GaussianSplats(splats.means, splats.scales, splats.quaternions, opacities)
 
 
-def measured(data: Path, row: dict[str, Any], kind: int) -> dict[str, Any]:
+def measured(data: Path, row: dict[str, Any], kind: int, count: int) -> dict[str, Any]:
     """What is found in one room, and what the report says."""
     loaded = tk.from_mesh(data / row["path"]).mesh
     assert loaded is not None
     mesh = trimesh.Trimesh(*(part.numpy() for part in loaded), process=False)
-    scene, n_object = room(mesh, kind, np.random.default_rng([len(row["name"]), row["chi"] % 1000, kind]))
-    started = time.perf_counter()
+    scene, n_object = room(mesh, kind, np.random.default_rng([len(row["name"]), row["chi"] % 1000, kind]), count)
+    started = time.process_time()
     kept = scene.object()
     n_right = int((kept.rows < n_object).sum())
-    found = time.perf_counter()
+    found = time.process_time()
     try:
         report = tk.from_splats(scene, object=True).report()
         said = {"genus": report.genus, "rims": report.rim_widths, "verdict": report.verdict}
@@ -105,7 +109,9 @@ def measured(data: Path, row: dict[str, Any], kind: int) -> dict[str, Any]:
         "planes": len(kept.planes),
         "truth": row["genus"],
         **said,
-        "seconds": [found - started, time.perf_counter() - found],
+        "splats": len(scene),
+        "seconds": [found - started, time.process_time() - found],
+        "gib": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20,
     }
 
 
@@ -113,6 +119,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("data", type=Path)
     parser.add_argument("--shapes", type=int, default=40)
+    parser.add_argument("--splats", type=int, default=SPLATS, help="of the object")
     parser.add_argument("--out", type=Path, default=Path("rooms.jsonl"))
     options = parser.parse_args()
     torch.set_num_threads(1)
@@ -123,7 +130,7 @@ def main() -> None:
         for row in shapes[: options.shapes]:
             for kind in range(3):
                 if (row["name"], kind) not in done:
-                    rows.append(measured(options.data, row, kind))
+                    rows.append(measured(options.data, row, kind, options.splats))
                     file.write(json.dumps(rows[-1]) + "\n")
                     file.flush()
     right = [row["genus"] == row["truth"] for row in rows]
@@ -131,6 +138,10 @@ def main() -> None:
     print(
         f"{len(rows)} rooms: median intersection over union {np.median([row['iou'] for row in rows]):.3f}, genus right "
         f"{sum(right)}, likely {len(sure)}, wrong likely {len(sure) - sum(sure)}"
+    )
+    print(
+        f"at most {max(row['splats'] for row in rows)} splats, {max(sum(row['seconds']) for row in rows):.0f} CPU s, "
+        f"{max(row['gib'] for row in rows):.1f} GiB"
     )
 
 

@@ -382,7 +382,7 @@ def known_genus(
         if widest <= cap:
             return report.genus
         raise GenusError(
-            f"{report.name}: its widest rim is {widest:.4g} wide, wider than cap={cap:g}. genus(cap=True) closes all rims."
+            f"{report.name}: a rim is {widest:.4g} wide, wider than cap={cap:g}. genus(cap=True) closes all rims."
         )
     if is_manifold:
         reason, call = "The surface is one-sided (not orientable).", f"shape.report().euler is {report.euler}."

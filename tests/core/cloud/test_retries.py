@@ -249,6 +249,7 @@ def test_a_cloud_off_any_surface_is_not_looked_at_through_other_samples() -> Non
 def test_the_surface_is_that_of_the_first_cut_with_the_integer() -> None:
     seen = seen_torus(are_given=True)
     filled = replace(seen.cut, inside=np.ones_like(seen.cut.inside))  # the hull
-    both = replace(seen, cuts=(filled, seen.cut))
+    empty = replace(seen.cut, inside=~filled.inside)
+    both = replace(seen, cuts=(filled, empty, seen.cut))
     assert both.cut_with(0) is seen.cut
     assert both.cut_with(2) is both.cut_with(-8) is filled

@@ -88,9 +88,12 @@ class Reconstruction:
         return self.cuts[0]
 
     def cut_with(self, euler: int) -> Cut:
-        """The first cut whose surface has an Euler characteristic, from inside or outside; else the first of all."""
-        complex_ = self.cloud.complex_
-        return next((cut for cut in self.cuts if euler in surface_eulers(complex_, cut)), self.cut)
+        """The first cut with a surface of an Euler characteristic, from inside or outside; else the first of all.
+
+        A cut with nothing inside has χ = 0, too, but no surface.
+        """
+        solid = (cut for cut in self.cuts if cut.inside.any())
+        return next((cut for cut in solid if euler in surface_eulers(self.cloud.complex_, cut)), self.cut)
 
     @property
     def has_given_signs(self) -> bool:

@@ -50,7 +50,7 @@ class Witness:
             digits than single precision; else 0.
         lids: patches of the first cut's surface that cover holes of the cloud, largest first; their samples are those
             of the points given. None for a wire.
-        missed: (M,), indices of the used points that are not on the first cut's surface.
+        missed: (M,), indices of the used points that are not on that surface.
     """
 
     euler: int

@@ -115,3 +115,16 @@ def test_files_that_cannot_be_written_are_refused(torus: Location, tmp_path: Pat
         save_loops(torus, tmp_path / "missing" / "loops.ply")
     with pytest.raises(InputError, match="nothing was located"):
         save_loops(Location((), (), (), ()), tmp_path / "loops.ply")
+
+
+def test_a_speck_and_a_cavity_of_a_mesh_are_located() -> None:
+    block, speck, bubble = trimesh.creation.box((4, 4, 4)), *(trimesh.creation.icosphere(2, r) for r in (0.2, 1.0))
+    bubble.invert()
+    report = tk.report(trimesh.util.concatenate([block, speck.apply_translation((3, 0, 1)), bubble]), locate=True)
+    assert [(one.kind, one.center) for one in report.location.regions] == [
+        ("piece", pytest.approx((0, 0, 0))),
+        ("cavity", pytest.approx((0, 0, 0))),
+        ("piece", pytest.approx((3, 0, 1))),
+    ]
+    assert "0.4 × 0.4 × 0.4 large" in report.text()
+    assert tk.report(block, locate=True).location.regions == ()

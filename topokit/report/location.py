@@ -59,25 +59,25 @@ class Place:
 
 @dataclass(frozen=True, eq=False)
 class LocatedRegion:
-    """A piece of the solid in a volume, or one of its cavities.
+    """A piece of the solid in a closed surface, or one of its cavities.
 
     Attributes:
         kind: which of the two.
-        volume: of its voxels, in cubed units of length.
+        volume: in a volume, of its voxels, in cubed units of length; else None.
         center: middle of its bounding box.
         bounds: lowest and highest corner of the box.
         component: index into the report's `per_component` of the surface around it.
-        place: of its first voxel, which surely belongs to it.
-        middle: of `center`, which may lie outside it.
+        place: in a volume, of its first voxel, which surely belongs to it.
+        middle: in a volume, of `center`, which may lie outside it.
     """
 
     kind: Literal["piece", "cavity"]
-    volume: float
+    volume: float | None
     center: Corner
     bounds: Box
     component: int
-    place: Place
-    middle: Place
+    place: Place | None
+    middle: Place | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class Location:
         boundaries: longest first.
         defects: of a mesh.
         notes: sentences about what could not be located, and why.
-        regions: of a volume, pieces if there are several and cavities, largest surface first, up to 1000.
+        regions: of a closed surface, pieces if there are several and cavities, largest surface first, up to 1000.
     """
 
     handles: tuple[LocatedHandle, ...]
@@ -175,11 +175,7 @@ class Location:
         lines = []
         for kind, many in (("piece", "pieces"), ("cavity", "cavities")):
             regions = [one for one in self.regions if one.kind == kind]
-            lines += [
-                f"{kind.capitalize()} at {one.place}: volume {one.volume:.4g}{_unit(one.place, '³')}, "
-                f"middle of its box {one.middle.coordinates}."
-                for one in regions[:_MOST_TOLD]
-            ]
+            lines += [f"{kind.capitalize()} at {_region_line(one)}." for one in regions[:_MOST_TOLD]]
             lines += _more(len(regions), kind, many)
         lines += map(_handle_line, self.handles[:_MOST_TOLD])
         lines += _more(len(self.handles), "handle", "handles")
@@ -194,6 +190,14 @@ class Location:
                 f"{_at(first.center, first.bounds)}."
             )
         return (*lines, *self.notes)
+
+
+def _region_line(one: LocatedRegion) -> str:
+    size = "" if one.volume is None else f"volume {one.volume:.4g}{_unit(one.place, '³')}, "
+    if one.place is None or one.middle is None:
+        sides = " × ".join(f"{high - low:.3g}" for low, high in zip(*one.bounds, strict=True))
+        return f"{_at(one.center, one.bounds)}: {size}{sides} large"
+    return f"{one.place}: {size}middle of its box {one.middle.coordinates}"
 
 
 def _handle_line(one: LocatedHandle) -> str:

@@ -79,16 +79,15 @@ def with_location(report: TopologyReport, shape: Shape) -> TopologyReport:
 
 
 def _regions(report: TopologyReport) -> Iterator[LocatedRegion]:
-    """The pieces of a volume if there are several, and its cavities, largest surface first."""
-    for number, one in enumerate(report.per_component):
+    """The pieces of the solid in a closed surface if there are several, and its cavities, largest surface first."""
+    for number, one in enumerate(report.per_component if report.pieces is not None else ()):
         is_cavity = (one.depth or 0) % 2 == 1
-        place = None if one.voxel is None else Place.of(one.voxel, report.placement)
-        center = middle(one.bounds)
-        in_file = Place.of(center, report.placement)
-        if place is None or in_file is None or one.volume is None or not (is_cavity or report.pieces != 1):
-            continue
-        kind: Literal["piece", "cavity"] = "cavity" if is_cavity else "piece"
-        yield LocatedRegion(kind, one.volume, center, one.bounds, number, place, in_file)
+        if is_cavity or report.pieces != 1:
+            place = None if one.voxel is None else Place.of(one.voxel, report.placement)
+            center = middle(one.bounds)
+            kind: Literal["piece", "cavity"] = "cavity" if is_cavity else "piece"
+            in_file = Place.of(center, report.placement)
+            yield LocatedRegion(kind, one.volume, center, one.bounds, number, place, in_file)
 
 
 def located_handles(handles: Sequence[Handle[Shape]], placement: Placement | None = None) -> tuple[LocatedHandle, ...]:

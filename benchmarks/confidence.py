@@ -87,15 +87,19 @@ def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
+def mesh_of(path: Path) -> trimesh.Trimesh:
+    """The mesh of a file as topokit reads it, with its vertices merged."""
+    mesh = tk.from_mesh(path).mesh
+    assert mesh is not None
+    return trimesh.Trimesh(*(part.numpy() for part in mesh), process=False)
+
+
 def solid_of(draw: Draw, folder: Path, rows: dict[str, dict[str, Any]]) -> Planted:
     """The mesh of a draw, its Euler characteristic, and what is known of its features."""
     if draw.family in FAMILIES:
         return planted(draw.family, draw.number, draw.n_points)
     if draw.family == "real":
-        shape = tk.from_mesh(folder / rows[draw.shape]["path"])
-        assert shape.mesh is not None
-        mesh = trimesh.Trimesh(*(part.numpy() for part in shape.mesh), process=False)
-        return Planted(mesh, rows[draw.shape]["chi"], ())
+        return Planted(mesh_of(folder / rows[draw.shape]["path"]), rows[draw.shape]["chi"], ())
     mesh = random_solid(int(draw.shape.split()[1]))
     return Planted(mesh, mesh.euler_number, ())
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes
+from confidence import clean_meshes, mesh_of
 from numpy.typing import NDArray
 
 import topokit as tk
@@ -90,9 +90,7 @@ def wrong_answers(folder: Path, options: argparse.Namespace) -> Iterator[dict[st
     for name, row in sorted(clean_meshes(folder).items()):
         if options.names and name not in options.names:
             continue
-        truth = tk.from_mesh(folder / row["path"])
-        assert truth.mesh is not None
-        mesh = trimesh.Trimesh(*(part.numpy() for part in truth.mesh), process=False)
+        mesh = mesh_of(folder / row["path"])
         for scenario in options.scenarios:
             points, normals = cloud_of(mesh, scenario, options.seed)
             found = None if normals is None else torch.from_numpy(normals)

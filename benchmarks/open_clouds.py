@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, read_rows
+from confidence import clean_meshes, mesh_of, read_rows
 from numpy.typing import NDArray
 from open3d.t.geometry import RaycastingScene
 from skimage.measure import marching_cubes
@@ -145,9 +145,7 @@ def examined(number: int, names: list[str], folder: Path, rows: dict[str, dict[s
     name = str(names[rng.integers(len(names))])
     kind, size = str(rng.choice(KINDS, p=KIND_SHARES)), int(rng.choice(SIZES, p=SIZE_SHARES))
     with_normals = bool(rng.random() < 1 / 3)
-    whole = tk.from_mesh(folder / rows[name]["path"]).mesh
-    assert whole is not None
-    mesh = trimesh.Trimesh(*(part.numpy() for part in whole), process=False)
+    mesh = mesh_of(folder / rows[name]["path"])
     points, face = trimesh.sample.sample_surface(mesh, size, seed=number)
     points, normals = np.asarray(points, dtype=np.float64), np.asarray(mesh.face_normals[face])
     part = cut(kind, mesh, points, normals, rng)

@@ -26,10 +26,9 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, read_rows
+from confidence import clean_meshes, mesh_of, read_rows
 from numpy.typing import NDArray
 
-import topokit as tk
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.settings import CloudSettings, OutlierSettings
 from topokit.core.cloud.sheets import read_sheet
@@ -104,9 +103,7 @@ class Clouds:
         return lambda: self._cloud(name, count, noise, **options)
 
     def _cloud(self, name: str, count: int, noise: float, flipped: float | None = None, strays: float = 0.0) -> Cloud:
-        shape = tk.from_mesh(self.folder / self.rows[name]["path"])
-        assert shape.mesh is not None
-        mesh = trimesh.Trimesh(*(part.numpy() for part in shape.mesh), process=False)
+        mesh = mesh_of(self.folder / self.rows[name]["path"])
         points, face = trimesh.sample.sample_surface(mesh, count, seed=0)
         rng = np.random.default_rng(0)
         points = np.asarray(points) + rng.normal(size=points.shape) * noise * np.ptp(points, axis=0).max()

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, read_rows
+from confidence import clean_meshes, mesh_of, read_rows
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from splat_scenes import Style, splats_at
@@ -89,9 +89,7 @@ def _cloud(
 
 def measured(data: Path, row: dict[str, Any], kind: int, count: int) -> dict[str, Any]:
     """What is found in one room, and what the report says."""
-    loaded = tk.from_mesh(data / row["path"]).mesh
-    assert loaded is not None
-    mesh = trimesh.Trimesh(*(part.numpy() for part in loaded), process=False)
+    mesh = mesh_of(data / row["path"])
     scene, n_object = room(mesh, kind, np.random.default_rng([len(row["name"]), row["chi"] % 1000, kind]), count)
     started = time.process_time()
     kept = scene.object()

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, read_rows
+from confidence import clean_meshes, mesh_of, read_rows
 from splatter import as_scene, cameras, optimized, peak_ratio, photograph
 
 import topokit as tk
@@ -53,9 +53,7 @@ def shapes(data: Path) -> dict[str, tuple[trimesh.Trimesh, int]]:
     rows = clean_meshes(data)
     found = {name: (trimesh.Trimesh(*mesh, process=False), genus) for name, (mesh, genus) in OWN.items()}
     for name in REAL:
-        loaded = tk.from_mesh(data / rows[name]["path"]).mesh
-        assert loaded is not None
-        found[name] = trimesh.Trimesh(*(part.numpy() for part in loaded), process=False), rows[name]["genus"]
+        found[name] = mesh_of(data / rows[name]["path"]), rows[name]["genus"]
     for mesh, _ in found.values():
         mesh.apply_translation(-mesh.bounds.mean(0))
         mesh.apply_scale(1 / mesh.extents.max())

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal
 from topokit.comparison.agreement import Agreement
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
-from topokit.core.loops import middle
+from topokit.core.loops import middle, width_of
 from topokit.report.location import Place
 from topokit.report.report import Betti, plain
-from topokit.report.wording import plural, position
+from topokit.report.wording import FEATURES, plural, position
 from topokit.text import json_text, printable
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ Missing = Literal[
     "lost part", "merged part", "filled tunnel", "broken loop", "filled cavity", "merged cavity", "opened cavity"
 ]
 Kind = Spurious | Missing
-_NAMES = (("part", "parts"), ("tunnel", "tunnels"), ("cavity", "cavities"))
 _MOST_LINES = 20  # differences that a text gives
 
 
@@ -72,8 +71,7 @@ class Difference:
         sizes = [] if self.width is None else [f"width {self.width:.3g}"]
         sizes += [] if self.length is None else [f"loop of length {self.length:.3g}"]
         sizes += [] if self.volume is None else [f"volume {self.volume:.4g}"]
-        scale = max(b - a for a, b in zip(*self.bounds, strict=True))
-        where = position(self.center, scale) if self.place is None else str(self.place)
+        where = position(self.center, width_of(self.bounds)) if self.place is None else str(self.place)
         return f"{self.error} {self.kind} at {where}: {', '.join(sizes)}"
 
 
@@ -214,7 +212,7 @@ class Comparison:
 
     def _counts(self) -> list[str]:
         if self.is_same:
-            both = ", ".join(plural(n, *name) for n, name in zip(self.matched, _NAMES, strict=True))
+            both = ", ".join(plural(n, *name) for n, name in zip(self.matched, FEATURES, strict=True))
             return [f"the same topology, {both}"]
-        rows = zip(_NAMES, self.matched, self.missing, self.spurious, strict=True)
+        rows = zip(FEATURES, self.matched, self.missing, self.spurious, strict=True)
         return [f"{many} {both} matched, {less} missing, {more} spurious" for (_, many), both, less, more in rows]

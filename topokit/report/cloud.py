@@ -112,7 +112,7 @@ def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:
         report: of the cloud.
         found: the measurements.
     """
-    if report.doubts is not None or found.doubts_refusal is None:
+    if found.doubts_refusal is None:
         return replace(report, doubts=found.doubts)
     note = f"Doubtful places were not looked for: {found.doubts_refusal}"
     return report if note in report.reasons else replace(report, reasons=(*report.reasons, note))

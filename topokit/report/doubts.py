@@ -15,21 +15,21 @@ from topokit.errors import InputError
 _MOST_VERTICES = 1 << 22  # of the grid on which narrow places are looked for: 5 to 10 s
 
 
-def cloud_doubts(witness: Witness, points: Floats) -> tuple[NarrowPlace, ...]:
+def cloud_doubts(witness: Witness | None, points: Floats) -> tuple[NarrowPlace, ...]:
     """The places of a cloud's surface that are narrower than its resolution, and samples off the surface.
 
     Narrow places have the share of the votes that count as if they were otherwise: first come those with most of them,
     of equals the narrowest. The places where several samples are off the surface follow, unless noise does that.
 
     Args:
-        witness: what was found of a closed surface.
+        witness: what was found of a closed surface, or None.
         points: (N, 3), the cloud.
 
     Raises:
         InputError: if no closed surface was found, or its narrow places need too fine a grid.
         MissingDependencyError: if cripser is not installed.
     """
-    if witness.surface is None or len(witness.surface.faces) == 0:
+    if witness is None or witness.surface is None or len(witness.surface.faces) == 0:
         raise InputError("no closed surface was found.")
     surface = TriangleSurface(points[witness.surface.points], witness.surface.faces)
     counted = [value for vote in witness.votes for value in vote.eulers]

@@ -156,8 +156,6 @@ class Examination:
 
     @cached_property
     def _doubts_or_refusal(self) -> tuple[NarrowPlace, ...] | TopokitError:
-        if self.witness is None:
-            return InputError("no closed surface was found.")
         try:
             return cloud_doubts(self.witness, self.samples.points.cpu().double().numpy())
         except TopokitError as refusal:

@@ -9,12 +9,11 @@ from topokit.core.grid.placement import Placement
 from topokit.core.scale.features import Feature, SolidFeatures
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.report.location import Place
-from topokit.report.wording import plural, position
+from topokit.report.wording import FEATURES, plural, position
 
 _MOST_TOLD = 10  # features that the text lists one by one
 _MOST_DOUBTS = 3  # narrow places, likewise
 _OTHERWISE = {"thin": "is not there", "narrow": "is closed", "small": "is filled"}
-_NAMES = (("part", "parts"), ("tunnel", "tunnels"), ("cavity", "cavities"))
 _WIDTH, _HEIGHT = 420, 120  # of the picture, in pixels
 
 
@@ -46,8 +45,8 @@ def _otherwise(doubt: NarrowPlace) -> str:
 
 def _feature_lines(found: SolidFeatures, placement: Placement | None) -> tuple[str, ...]:
     counts = found.above(found.finest)
-    solid = ", ".join(plural(n, *names) for n, names in zip(counts, _NAMES, strict=True))
-    less = [plural(n, *names) for n, names in zip(found.narrower, _NAMES, strict=True) if n > 0]
+    solid = ", ".join(plural(n, *names) for n, names in zip(counts, FEATURES, strict=True))
+    less = [plural(n, *names) for n, names in zip(found.narrower, FEATURES, strict=True) if n > 0]
     rest = f"; narrower: {', '.join(less)}" if less else ""
     many = found.features[_MOST_TOLD:]
     more = [f"{plural(len(many), 'more feature')}, up to {many[-1].width:.3g} wide."] if many else []

@@ -12,7 +12,7 @@ import numpy as np
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
 from topokit.core.grid.placement import Index, Placement
-from topokit.core.loops import bounds_of
+from topokit.core.loops import bounds_of, width_of
 from topokit.report.wording import plural, position
 
 Box = tuple[Corner, Corner]
@@ -211,7 +211,7 @@ def _unit(place: Place | None, power: str = "") -> str:
 
 
 def _at(center: Corner, bounds: Box) -> str:
-    return position(center, max(b - a for a, b in zip(*bounds, strict=True)))
+    return position(center, width_of(bounds))
 
 
 def _more(count: int, one: str, many: str) -> list[str]:

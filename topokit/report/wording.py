@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+FEATURES = (("part", "parts"), ("tunnel", "tunnels"), ("cavity", "cavities"))
+"""What a solid is counted by: one of each, and several."""
+
 
 def plural(count: int, one: str, many: str | None = None) -> str:
     """The count with its noun: "1 vertex", "2 vertices"."""

@@ -41,7 +41,7 @@ def test_one_pass_takes_a_share_of_the_time_of_one_by_one(values: NDArray[np.int
     for _ in range(2):  # the first time loops are compiled
         started = time.process_time()
         counted = count_labels(values, np.array([*boxes]), 26, Grid(values.shape))
-        found.append([counted.of(label).euler for label in boxes])
+        found.append([counted[label].euler for label in boxes])
         middle = time.process_time()
         one_by_one = [
             count_solid(volume[box], lambda part, own=label: part == own, 26, Grid(volume[box].shape)).euler

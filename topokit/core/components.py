@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TypeVar, overload
 
 import numpy as np
@@ -96,6 +96,12 @@ class CountedComponents(Sequence[SurfaceComponent]):
         """The components of an empty surface."""
         numbers, corners = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
         return cls(numbers, numbers, numbers, corners, corners, np.zeros(0), numbers, numbers)
+
+    def rows(self, which: slice) -> CountedComponents:
+        """Some of them, as arrays."""
+        return CountedComponents(
+            *(None if values is None else values[which] for values in (getattr(self, one.name) for one in fields(self)))
+        )
 
     @property
     def genus(self) -> int | None:

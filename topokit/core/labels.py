@@ -1,4 +1,4 @@
-"""Connected components of a graph that is given by its edges."""
+"""Connected components of a graph that is given by its edges, and small steps with numbers of things."""
 
 from __future__ import annotations
 
@@ -37,3 +37,10 @@ def count_distinct(values: Integers) -> int:
     """Number of distinct values (N,), N ≥ 1; sorting them is many times faster than `np.unique`."""
     ordered = np.sort(values)
     return 1 + int(np.count_nonzero(ordered[1:] != ordered[:-1]))
+
+
+def inverse_order(order: Integers) -> Integers:
+    """The place (N,) of each of N things in an order of them (N,)."""
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return place

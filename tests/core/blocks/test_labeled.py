@@ -45,10 +45,10 @@ def test_labels_together_are_those_one_by_one(values: np.ndarray, connectivity: 
         found = count_labels(values, wanted, connectivity, grid)
         for label in wanted.tolist():
             volume = torch.from_numpy(values.astype(np.int64))
-            assert_same(found.of(label), count_solid(volume, lambda part, own=label: part == own, connectivity, grid))
+            assert_same(found[label], count_solid(volume, lambda part, own=label: part == own, connectivity, grid))
 
 
 def test_a_shell_in_a_shell_has_nested_surfaces() -> None:
     found = count_labels(NESTED, np.array([3, 300]), 26, Grid(NESTED.shape))
-    assert found.of(3).surfaces.depths.tolist() == [0, 1, 2, 3, 4]
-    assert found.of(300).solid_betti.tolist() == [[1, 0, 1]]
+    assert found[3].surfaces.depths.tolist() == [0, 1, 2, 3, 4]
+    assert found[300].solid_betti.tolist() == [[1, 0, 1]]

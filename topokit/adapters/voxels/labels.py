@@ -19,7 +19,8 @@ from topokit.adapters.voxels.entry import ADDRESSES
 from topokit.adapters.voxels.field import VoxelField
 from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
 from topokit.adapters.voxels.stored import Entry
-from topokit.core.blocks.labeled import CountedLabels, count_labels
+from topokit.core.blocks.labeled import count_labels
+from topokit.core.blocks.whole import CountedVolume
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
@@ -120,13 +121,13 @@ class _Counts:
         return sampled_shape(
             f"{name}, label {label}",
             field,
-            lambda: counted_answer(lambda: self._counted.of(label), field, self._placement),
+            lambda: counted_answer(lambda: self._counted[label], field, self._placement),
             sampling,
             solid.notes(frozenset((label,))),
         )
 
     @cached_property
-    def _counted(self) -> CountedLabels:
+    def _counted(self) -> dict[int, CountedVolume]:
         box = reduce(around, self._boxes.values())
         values = whole_numbers(self._values[box].detach().cpu().numpy())
         return count_labels(values, np.sort([*self._boxes]), self._connectivity, self._grid(box))

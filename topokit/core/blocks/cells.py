@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.cubes import cube_tables
-from topokit.core.blocks.planes import Labels, add_to_pair, unite
+from topokit.core.blocks.planes import Labels, root_of, unite
 
 
 class JunctionTables(NamedTuple):
@@ -22,47 +22,43 @@ class JunctionTables(NamedTuple):
 
     Attributes:
         pieces: (256, 4) see there.
-        weights: (256, 4) see there, of one piece.
-        dual: (256,) see there.
-        whole: (256, 4) sums of weights over the pieces of a code; 0 if the cube is of one phase.
+        weights: (256, 4) see there, of one piece or of several: each part of the sums belongs to one of them.
+        both: (256, 8) weights of a code and of the code of the other corners.
         edges: (256, 4, 2) for each piece a corner of it, and one beside it that is not in the 6-connected phase.
     """
 
     pieces: NDArray[np.uint8]
     weights: Integers
-    dual: Integers
-    whole: Integers
+    both: Integers
     edges: Integers
 
 
 @cache
 def junction_tables() -> JunctionTables:
     """The tables, computed once."""
-    pieces, weights, dual = cube_tables()
-    whole = np.where(pieces[..., None] > 0, weights[pieces], 0).sum(1)
-    whole[[0, 255]] = 0
+    pieces, weights, _ = cube_tables()
     edges = np.zeros((256, 4, 2), np.int64)
     for code in range(255):
         for number, piece in enumerate(pieces[code]):
             corners = [corner for corner in range(8) if piece >> corner & 1]
             across = ((c, c ^ bit) for c in corners for bit in (1, 2, 4) if not code >> (c ^ bit) & 1)
             edges[code, number] = next(across, (0, 0))
-    return JunctionTables(pieces, weights, dual, whole, edges)
+    return JunctionTables(pieces, weights, np.concatenate((weights, weights[::-1]), axis=1), edges)
 
 
 @compiled
-def number_cells(values: NDArray[Any], cells: NDArray[Any]) -> int:
-    """Write the number of its cell for every voxel; cells are numbered from 1 on in the order of their first voxels.
+def join_cells(values: NDArray[Any], cells: NDArray[Any]) -> int:
+    """Join voxels to cells, as a forest in which every voxel stands for itself or for one before it.
 
     Args:
         values: (X, Y, Z).
-        cells: (X + 2, Y + 2, Z + 2), zero, where the numbers are written.
+        cells: (X + 2, Y + 2, Z + 2), zero, where the flat indices of the voxels above them are written.
 
     Returns:
-        The largest number.
+        How many cells there are.
     """
     n_x, n_y, n_z = values.shape
-    flat = cells.reshape(-1)
+    flat, n_cells = cells.reshape(-1), 0
     row, layer = n_z + 2, (n_y + 2) * (n_z + 2)
     for x in range(n_x):
         for y in range(n_y):
@@ -72,48 +68,55 @@ def number_cells(values: NDArray[Any], cells: NDArray[Any]) -> int:
                 here, value = start + z, values[x, y, z]
                 goes_on = z > 0 and values[x, y, z - 1] == value
                 flat[here] = flat[here - 1] if goes_on else here
+                n_cells += not goes_on
                 like_y = y > 0 and values[x, y - 1, z] == value
                 like_x = x > 0 and values[x - 1, y, z] == value
                 if like_y and not (goes_on and joined_y):
-                    unite(flat, here, here - row)
+                    n_cells -= _joined(flat, here, here - row)
                 if like_x and not (goes_on and joined_x):
-                    unite(flat, here, here - layer)
+                    n_cells -= _joined(flat, here, here - layer)
                 joined_y, joined_x = like_y, like_x
-    n_cells = 0
-    for x in range(n_x):
-        for y in range(n_y):
-            start = (x + 1) * layer + (y + 1) * row + 1
-            for here in range(start, start + n_z):  # what stands before it has its number already
-                if flat[here] == here:
-                    n_cells += 1
-                    flat[here] = n_cells
-                else:
-                    flat[here] = flat[flat[here]]
     return n_cells
 
 
 @compiled
-def describe_cells(cells: NDArray[Any], nodes: Integers) -> None:
-    """Write a row of `part.NODE_COLUMNS` for each cell; of cell 0 only where it begins.
+def _joined(parents: NDArray[Any], one: int, other: int) -> bool:
+    """Join the trees of two nodes; whether they were two."""
+    one, other = root_of(parents, one), root_of(parents, other)
+    parents[max(one, other)] = min(one, other)
+    return one != other
+
+
+@compiled
+def number_cells(values: NDArray[Any], cells: NDArray[Any], nodes: Integers) -> None:
+    """Number cells from 1 on in the order of their first voxels, and write a row of `part.NODE_COLUMNS` for each.
 
     Args:
-        cells: (X + 2, Y + 2, Z + 2) of `number_cells`.
-        nodes: (N, 8), zero, where the rows are written.
+        values: (X, Y, Z).
+        cells: (X + 2, Y + 2, Z + 2) of `join_cells`, where the numbers are written instead.
+        nodes: (N + 1, 8), zero, where the rows are written; that of cell 0 stays as it is.
     """
-    n_x, n_y, n_z = cells.shape
-    for x in range(1, n_x - 1):
-        for y in range(1, n_y - 1):
-            z = 1
-            while z < n_z - 1:
-                start, cell = z, cells[x, y, z]
-                while z < n_z - 1 and cells[x, y, z] == cell:
+    n_x, n_y, n_z = values.shape
+    flat, n_cells = cells.reshape(-1), 0
+    row, layer = n_z + 2, (n_y + 2) * (n_z + 2)
+    for x in range(1, n_x + 1):
+        for y in range(1, n_y + 1):
+            start, z = x * layer + y * row, 1
+            while z <= n_z:
+                first, value = z, values[x - 1, y - 1, z - 1]
+                if flat[start + z] == start + z:
+                    n_cells += 1
+                    cell = n_cells
+                    node = nodes[cell]
+                    node[1], node[2], node[3], node[4] = start + z, x, y, z
+                else:
+                    cell = flat[flat[start + z]]  # what stands before it has its number already
+                    node = nodes[cell]
+                while z <= n_z and values[x - 1, y - 1, z - 1] == value:
+                    flat[start + z] = cell
                     z += 1
-                node = nodes[cell]
-                if node[0] == 0:
-                    node[1] = (x * n_y + y) * n_z + start
-                    node[2], node[3], node[4] = x, y, start
-                node[0] += z - start
-                node[3], node[4] = min(node[3], y), min(node[4], start)
+                node[0] += z - first
+                node[3], node[4] = min(node[3], y), min(node[4], first)
                 node[5], node[6], node[7] = x + 1, max(node[6], y + 1), max(node[7], z)
 
 
@@ -125,7 +128,7 @@ def wall_cells(
     solid_is_six: bool,
     parents: Labels,
     tables: JunctionTables,
-    dual_sums: Integers,
+    duals: Integers,
     sums: Integers,
     full: Integers,
     most_pairs: int,
@@ -139,10 +142,10 @@ def wall_cells(
         solid_is_six: whether labels are 6-connected, else 26-connected.
         parents: (N,) forest of cells, where those of one label that are joined through edges and corners are united.
         tables: of codes.
-        dual_sums: sum of `dual` for each label.
-        sums: (a power of two, 6), sums of weights by pairs of cells that touch where the background joins: one of the
-            label, one around it, and four weights, all 0 if they only touch. A pair has one place; who comes later
-            takes it.
+        duals: (N,) sum of `CubeTables.dual` for each cell; that of a label is the sum over its cells.
+        sums: (a power of two, 10), sums of weights by pairs of cells that touch where the background joins: the two
+            cells, the lower number first, and four weights of either one as a solid with the other around it, all 0 if
+            they only touch. A pair has one place; who comes later takes it.
         full: where the sums go that lose their place.
         most_pairs: that one cube may add.
 
@@ -150,50 +153,68 @@ def wall_cells(
         The row of cubes to go on with; and how many rows of `full` were written.
     """
     n_full, n_y, n_z = 0, cells.shape[1] - 1, cells.shape[2]
-    n_rows = (cells.shape[0] - 1) * n_y
-    whole, dual = tables.whole, tables.dual
+    n_rows, both = (cells.shape[0] - 1) * n_y, tables.both
     cube, found, codes = np.zeros(8, np.int64), np.zeros(8, np.int64), np.zeros(8, np.int64)
     row = start
     while row < n_rows and n_full + most_pairs * n_z <= len(full):
         x, y = row // n_y, row % n_y
         row_0, row_1, row_2, row_3 = cells[x, y], cells[x, y + 1], cells[x + 1, y], cells[x + 1, y + 1]
+        e, f, g, h = row_0[0], row_1[0], row_2[0], row_3[0]
         z = 1
         while z < n_z:
-            a, b, c, d = row_0[z - 1], row_1[z - 1], row_2[z - 1], row_3[z - 1]
+            a, b, c, d = e, f, g, h
             n_cubes = 0
             while z < n_z and row_0[z] == a and row_1[z] == b and row_2[z] == c and row_3[z] == d:
                 n_cubes += 1  # equal cubes count at once
                 z += 1
-            if a == b == c == d:
-                n_cubes = 0
             if n_cubes == 0:
-                if z == n_z:
-                    break
                 n_cubes = 1
+                e, f, g, h = row_0[z], row_1[z], row_2[z], row_3[z]
                 z += 1
-            e, f, g, h = row_0[z - 1], row_1[z - 1], row_2[z - 1], row_3[z - 1]
-            other = (
-                b if b != a else c if c != a else d if d != a else e if e != a else f if f != a else g if g != a else h
-            )
-            code = 1 | (b == a) << 1 | (c == a) << 2 | (d == a) << 3
-            code |= (e == a) << 4 | (f == a) << 5 | (g == a) << 6 | (h == a) << 7
+            elif a == b and a == c and a == d:
+                continue
+            other = a  # a cell that is not the first; written so that the machine need not guess
+            other = h if h != a else other
+            other = g if g != a else other
+            other = f if f != a else other
+            other = e if e != a else other
+            other = d if d != a else other
+            other = c if c != a else other
+            other = b if b != a else other
+            of_a = 1 | (b == a) << 1 | (c == a) << 2 | (d == a) << 3
+            of_a |= (e == a) << 4 | (f == a) << 5 | (g == a) << 6 | (h == a) << 7
             rest = (b == other) << 1 | (c == other) << 2 | (d == other) << 3
             rest |= (e == other) << 4 | (f == other) << 5 | (g == other) << 6 | (h == other) << 7
-            if code | rest == 255:
-                for cell, around, own in ((a, other, code), (other, a, rest)):
-                    six = own if solid_is_six else 255 ^ own
-                    if owners[cell] >= 0:
-                        dual_sums[owners[cell]] += n_cubes * dual[six]
-                        n_full = add_to_pair(cell, around, n_cubes, whole, six, sums, full, n_full)
-                if owners[a] < 0 and owners[other] < 0:
-                    n_full = add_to_pair(a, other, 0, whole, 0, sums, full, n_full)
+            if of_a | rest == 255:
+                low, high, of_low = (a, other, of_a) if a < other else (other, a, rest)
+                six = of_low if solid_is_six else 255 ^ of_low
+                duals[low] += n_cubes * both[six, 4]
+                duals[high] += n_cubes * both[six, 0]
+                n_full, place = _place_of(low, high, sums, full, n_full)
+                for column in range(8):
+                    sums[place, 2 + column] += n_cubes * both[six, column]
             else:
                 cube[0], cube[1], cube[2], cube[3], cube[4], cube[5], cube[6], cube[7] = a, b, c, d, e, f, g, h
                 n_full = _add_junction(
-                    cube, n_cubes, owners, solid_is_six, parents, tables, dual_sums, found, codes, sums, full, n_full
+                    cube, n_cubes, owners, solid_is_six, parents, tables, duals, found, codes, sums, full, n_full
                 )
         row += 1
     return row, n_full
+
+
+@compiled
+def _place_of(low: int, high: int, sums: Integers, full: Integers, n_full: int) -> tuple[int, int]:
+    """How many rows of `full` are written, and the place of a pair in the sums, which is its own from now on."""
+    place = (low * 31 + high) & (len(sums) - 1)
+    if sums[place, 0] != low or sums[place, 1] != high:
+        if sums[place, 0] >= 0:
+            for column in range(10):  # rows one number at a time: slices take Numba seconds to compile
+                full[n_full, column] = sums[place, column]
+            n_full += 1
+        sums[place, 0], sums[place, 1] = low, high
+        for column in range(8):
+            sums[place, 2 + column] = 0
+    return n_full, place
 
 
 @compiled
@@ -204,7 +225,7 @@ def _add_junction(
     solid_is_six: bool,
     parents: Labels,
     tables: JunctionTables,
-    dual_sums: Integers,
+    duals: Integers,
     found: Integers,
     codes: Integers,
     sums: Integers,
@@ -224,11 +245,13 @@ def _add_junction(
     if solid_is_six:  # then all around a label is joined
         for one in range(n_found):
             for other in range(one):
-                n_full = add_to_pair(found[one], found[other], 0, tables.whole, 0, sums, full, n_full)
+                low, high = min(found[one], found[other]), max(found[one], found[other])
+                n_full, _ = _place_of(low, high, sums, full, n_full)
     else:
         for bit in (1, 2, 4):
             if cube[7] != cube[7 ^ bit]:
-                n_full = add_to_pair(cube[7], cube[7 ^ bit], 0, tables.whole, 0, sums, full, n_full)
+                low, high = min(cube[7], cube[7 ^ bit]), max(cube[7], cube[7 ^ bit])
+                n_full, _ = _place_of(low, high, sums, full, n_full)
     for place in range(n_found):
         owner, code = owners[found[place]], codes[place]
         for other in range(n_found):
@@ -241,13 +264,16 @@ def _add_junction(
         if owner < 0:
             continue
         six = code if solid_is_six else 255 ^ code
-        dual_sums[owner] += n_cubes * tables.dual[six]
+        duals[found[place]] += n_cubes * tables.weights[255 ^ six, 0]
         for k in range(4):
             piece = tables.pieces[six, k]
             if piece == 0:
                 break
-            one, other = cube[tables.edges[six, k, 0]], cube[tables.edges[six, k, 1]]
+            one, around = cube[tables.edges[six, k, 0]], cube[tables.edges[six, k, 1]]
             if not solid_is_six:
-                one, other = other, one
-            n_full = add_to_pair(one, other, n_cubes, tables.weights, piece, sums, full, n_full)
+                one, around = around, one
+            n_full, slot = _place_of(min(one, around), max(one, around), sums, full, n_full)
+            first = 2 if one < around else 6
+            for column in range(4):
+                sums[slot, first + column] += n_cubes * tables.weights[piece, column]
     return n_full

@@ -7,63 +7,25 @@ label are cells joined through edges and corners, and its background is the grap
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.arrays import Integers
-from topokit.core.blocks.cells import describe_cells, junction_tables, number_cells, wall_cells
-from topokit.core.blocks.part import NODE_COLUMNS, PLACES, Labels, Part, summed_walls
+from topokit.core.blocks.cells import join_cells, junction_tables, number_cells, wall_cells
+from topokit.core.blocks.part import NODE_COLUMNS, Labels, Part, summed_walls
 from topokit.core.blocks.planes import gather_nodes, number_roots
-from topokit.core.blocks.whole import CountedVolume, counted_volume
+from topokit.core.blocks.whole import CountedVolume, counted_volumes
 from topokit.core.blocks.without import components_without
 from topokit.core.grid.grid import Grid
 
 _MOST_PAIRS = 64  # of cells that one cube may add: each of 28 once, and 4 walls of each of 8 labels
+_PLACES = 1 << 14  # pairs of cells whose sums are kept at hand
 _ROOM = 1 << 18  # pairs that are added up at once
 
 
-@dataclass(frozen=True, eq=False)
-class CountedLabels:
-    """What is counted of each label.
-
-    Attributes:
-        labels: (K,) ascending.
-        part: of all labels together: first the pieces by label, then the regions of their backgrounds; walls by label.
-        pieces: (K + 1,) where the pieces of each label start in the nodes of the part.
-        regions: (K + 1,) likewise the regions of its background.
-        walls: (K + 1,) likewise its walls.
-        duals: (K,) `Part.dual` of each.
-        connectivity: 6 or 26, that of the labels.
-        grid: of the volume.
-    """
-
-    labels: Integers
-    part: Part
-    pieces: Integers
-    regions: Integers
-    walls: Integers
-    duals: Integers
-    connectivity: int
-    grid: Grid
-
-    def of(self, label: int) -> CountedVolume:
-        """What is counted of a label."""
-        number = int(np.searchsorted(self.labels, label))
-        pieces, regions, walls = (
-            slice(*starts[number : number + 2]) for starts in (self.pieces, self.regions, self.walls)
-        )
-        nodes = np.concatenate((self.part.nodes[pieces], self.part.nodes[regions]))
-        is_six = np.concatenate((self.part.is_six[pieces], self.part.is_six[regions]))
-        own = self.part.walls[walls].copy()
-        own[:, 0] -= pieces.start
-        own[:, 1] += pieces.stop - pieces.start - regions.start
-        return counted_volume(Part(nodes, is_six, own, int(self.duals[number]), ()), self.connectivity, self.grid)
-
-
-def count_labels(values: NDArray[Any], labels: Integers, connectivity: int, grid: Grid) -> CountedLabels:
+def count_labels(values: NDArray[Any], labels: Integers, connectivity: int, grid: Grid) -> dict[int, CountedVolume]:
     """What is counted of each label of a volume, on the CPU.
 
     Args:
@@ -73,46 +35,46 @@ def count_labels(values: NDArray[Any], labels: Integers, connectivity: int, grid
         grid: where the centers of the voxels are.
     """
     cells: NDArray[Any] = np.zeros([n + 2 for n in values.shape], "i4" if values.size < 1 << 30 else "i8")
-    bits = np.ascontiguousarray(values, dtype="u4" if values.dtype.itemsize <= 4 else "u8")  # compiled for two types
-    nodes = np.zeros((number_cells(bits, cells) + 1, len(NODE_COLUMNS)), np.int64)
-    describe_cells(cells, nodes)
+    nodes = _nodes(values, cells)
     owners = _owners(values, nodes, labels)
-    walls, parents, duals = _walls(cells, owners, len(labels), connectivity)
+    walls, parents, duals = _walls(cells, owners, connectivity)
     numbers = np.empty(len(nodes), np.int32)
     pieces = np.empty((number_roots(parents, numbers), nodes.shape[1]), np.int64)
     gather_nodes(nodes, numbers, pieces)
-    owner_of_piece = np.empty(len(pieces), np.int64)
+    owner_of_piece, duals_of_labels = np.empty(len(pieces), np.int64), np.zeros(len(labels) + 1, np.int64)
     owner_of_piece[numbers] = owners
+    np.add.at(duals_of_labels, owners, duals)  # the last one is that of the background
 
     # Walls as edges in both directions, by the label of their first cell.
-    walls = summed_walls(np.concatenate((walls, walls[:, [1, 0, 2, 2, 2, 2]] * (1, 1, 0, 0, 0, 0))))
-    walls = walls[np.argsort(owners[walls[:, 0]], kind="stable")]
-    starts = np.searchsorted(owners[walls[:, 0]], np.arange(len(labels) + 1))
+    walls = np.concatenate((walls[:, :6], walls[:, [1, 0, 6, 7, 8, 9]]))
+    owner_of_wall = owners[walls[:, 0]]
+    order = np.argsort(owner_of_wall, kind="stable")
+    walls, starts = walls[order], np.searchsorted(owner_of_wall[order], np.arange(len(labels) + 1))
     region, owner_of_region, regions = components_without(owners, walls[:, :2].copy(), starts, nodes)
 
-    order = np.argsort(owner_of_piece, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order)) - (owner_of_piece < 0).sum()
-    order = order[rank[order] >= 0]
-    walls[:, 0], walls[:, 1] = rank[numbers[walls[:, 0]]], region + len(order)
-    walls = summed_walls(walls[region >= 0])
-    ends = np.arange(len(labels) + 1)
-    return CountedLabels(
-        labels,
-        Part(
-            np.concatenate((pieces[order], regions)),
-            np.repeat((connectivity == 6, connectivity == 26), (len(order), len(regions))),
-            walls,
-            int(duals.sum()),
-            (),
-        ),
-        np.searchsorted(owner_of_piece[order], ends),
-        np.searchsorted(owner_of_region, ends) + len(order),
-        np.searchsorted(owner_of_piece[order][walls[:, 0]], ends),
-        duals,
-        connectivity,
-        grid,
+    is_owned = owner_of_piece >= 0
+    place = np.cumsum(is_owned) - 1
+    walls[:, 0], walls[:, 1] = place[numbers[walls[:, 0]]], region + is_owned.sum()
+    part = Part(
+        np.concatenate((pieces[is_owned], regions)),
+        np.repeat((connectivity == 6, connectivity == 26), (is_owned.sum(), len(regions))),
+        summed_walls(walls[region >= 0]),
+        int(duals_of_labels[:-1].sum()),
+        (),
     )
+    owners = np.concatenate((owner_of_piece[is_owned], owner_of_region))
+    counted = counted_volumes(part, owners, duals_of_labels[:-1], connectivity, grid)
+    return dict(zip(labels.tolist(), counted, strict=True))
+
+
+def _nodes(values: NDArray[Any], cells: NDArray[Any]) -> Integers:
+    """Write the number of its cell for every voxel, and return a row of `NODE_COLUMNS` for each cell."""
+    size = max(4, values.dtype.itemsize)  # loops are compiled for two types
+    same_size = values if values.dtype.itemsize == size else values.astype(f"u{size}")
+    bits = np.ascontiguousarray(same_size).view(f"u{size}")
+    nodes = np.zeros((join_cells(bits, cells) + 1, len(NODE_COLUMNS)), np.int64)
+    number_cells(bits, cells, nodes)
+    return nodes
 
 
 def _owners(values: NDArray[Any], nodes: Integers, labels: Integers) -> Integers:
@@ -123,17 +85,15 @@ def _owners(values: NDArray[Any], nodes: Integers, labels: Integers) -> Integers
     return np.concatenate(([-1], np.where(labels[numbers] == found, numbers, -1)))
 
 
-def _walls(
-    cells: NDArray[Any], owners: Integers, n_labels: int, connectivity: int
-) -> tuple[Integers, Labels, Integers]:
-    """The walls between cells, as rows of `Part.walls`; the forest of cells of one piece; and the sums of duals."""
-    parents, duals = np.arange(len(owners), dtype=np.int32), np.zeros(n_labels, np.int64)
-    sums = np.full((PLACES, 6), -1, np.int64)
-    full = np.empty((max(_ROOM, 2 * _MOST_PAIRS * cells.shape[2]), 6), np.int64)
+def _walls(cells: NDArray[Any], owners: Integers, connectivity: int) -> tuple[Integers, Labels, Integers]:
+    """The walls between cells, as rows of sums; the forest of cells of one piece; and the sums of duals by cell."""
+    parents, duals = np.arange(len(owners), dtype=np.int32), np.zeros(len(owners), np.int64)
+    sums = np.full((_PLACES, 10), -1, np.int64)
+    full = np.empty((max(_ROOM, 2 * _MOST_PAIRS * cells.shape[2]), 10), np.int64)
     walls, row, n_rows = [], 0, (cells.shape[0] - 1) * (cells.shape[1] - 1)
     while row < n_rows:
         row, n_full = wall_cells(
             cells, row, owners, connectivity == 6, parents, junction_tables(), duals, sums, full, _MOST_PAIRS
         )
         walls.append(summed_walls(full[:n_full].copy()))
-    return np.concatenate((*walls, sums[sums[:, 0] >= 0])), parents, duals
+    return summed_walls(np.concatenate((*walls, sums[sums[:, 0] >= 0]))), parents, duals

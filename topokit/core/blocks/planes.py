@@ -260,12 +260,13 @@ def number_roots(parents: Labels, numbers: Labels) -> int:
 
 
 @compiled
-def hang_leaves(first: Integers, second: Integers, parent: Integers) -> None:
-    """Write the parent of every node of a tree with root 0, leaf by leaf; a node on a cycle gets none.
+def hang_leaves(first: Integers, second: Integers, is_root: Booleans, parent: Integers) -> None:
+    """Write the parent of every node of some trees but their roots, leaf by leaf; a node on a cycle gets none.
 
     Args:
         first: (E,) one end of each edge.
         second: (E,) the other one.
+        is_root: (N,), of one node of each tree.
         parent: (N,), where they are written.
     """
     n_edges, others = np.zeros(len(parent), np.int64), np.zeros(len(parent), np.int64)  # neighbors, as their xor
@@ -275,8 +276,8 @@ def hang_leaves(first: Integers, second: Integers, parent: Integers) -> None:
         n_edges[b] += 1
         others[a] ^= b
         others[b] ^= a
-    for node in range(1, len(parent)):
-        while node != 0 and n_edges[node] == 1:
+    for node in range(len(parent)):
+        while not is_root[node] and n_edges[node] == 1:
             above = others[node]
             parent[node] = above
             n_edges[node] = 0

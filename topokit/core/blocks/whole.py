@@ -14,8 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.arrays import Booleans, Integers
@@ -24,6 +26,7 @@ from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.planes import hang_leaves
 from topokit.core.components import CountedComponents, genus_of
 from topokit.core.grid.grid import Grid
+from topokit.core.labels import inverse_order
 
 _SHARES = 4  # cubes that every voxel face lies in; and eighths of half of χ in a χ of a surface
 
@@ -75,74 +78,101 @@ def counted_volume(part: Part, connectivity: int, grid: Grid) -> CountedVolume:
         connectivity: 6 or 26, that of the solid.
         grid: of the volume without that layer.
     """
+    [counted] = counted_volumes(part, np.zeros(len(part.nodes), np.int64), np.array([part.dual]), connectivity, grid)
+    return counted
+
+
+def counted_volumes(
+    part: Part, owners: Integers, duals: Integers, connectivity: int, grid: Grid
+) -> list[CountedVolume]:
+    """What the parts of several whole volumes on one grid say about them.
+
+    Args:
+        part: all parts together.
+        owners: (N,) the number of the volume of each of its nodes.
+        duals: (V,) sum of `CubeTables.dual` in each volume.
+        connectivity: 6 or 26, that of the solids.
+        grid: of each volume without its layer of background.
+    """
     is_solid = part.is_six == (connectivity == 6)
-    order = np.lexsort(
-        (part.nodes[:, 1], is_solid)
-    )  # background first, each in the order of first voxels: 0 is outside
-    nodes, is_solid = part.nodes[order], is_solid[order]
-    number = np.empty_like(order)
-    number[order] = np.arange(len(order))
-    first, second = number[part.walls[:, :2]].T
-    parent = _parents(len(nodes), first, second)
+    # Of each volume the background first, each in the order of first voxels: so the outside is the first node.
+    order = np.lexsort((part.nodes[:, 1], is_solid, owners))
+    nodes, is_solid, owners = part.nodes[order], is_solid[order], owners[order]
+    starts = np.searchsorted(owners, np.arange(len(duals) + 1))
+    first, second = inverse_order(order)[part.walls[:, :2]].T
+    parent = _parents(starts[:-1], len(nodes), first, second)
     child = np.where(parent[first] == second, first, second)
     sums = np.zeros((len(nodes), 4), dtype=np.int64)
-    sums[child] = part.walls[:, 2:] // _SHARES  # a tree: every node but the outside has one wall to its parent
-    spans = nodes[:, 2:].reshape(-1, 2, 3) - 1
-    solid = nodes[is_solid]
-    return CountedVolume(
-        _surfaces(parent, sums[:, 0], sums[:, 1:], spans[:, 0], spans[:, 1], nodes, grid),
-        _solid_betti(parent, sums[:, 0], nodes[:, 0], is_solid),
-        euler=int(sums[:, 0].sum()),
-        dual_euler=part.dual // _SHARES,
-        n_inside=int(solid[:, 0].sum()),
-        touched=tuple(
-            (bool((solid[:, 2 + axis] == 1).any()), bool((solid[:, 5 + axis] == n + 1).any()))
-            for axis, n in enumerate(grid.shape)
-        ),
-    )
+    sums[child] = part.walls[:, 2:] // _SHARES  # every node but the outside has one wall to its parent
+    surfaces = _surfaces(parent, sums, nodes, owners, starts, grid)
+    eulers = np.add.reduceat(sums[:, 0], starts[:-1]).tolist()
+    betti, solid = _solid_betti(parent, sums[:, 0], nodes[:, 0], is_solid, owners), nodes[is_solid]
+    ends = np.searchsorted(owners[is_solid], np.arange(len(duals) + 1))
+    n_inside = _sums(solid[:, 0], ends).tolist()
+    low, high = _sums(solid[:, 2:5] == 1, ends), _sums(solid[:, 5:] == np.array(grid.shape) + 1, ends)
+    touched = (np.stack((low, high), axis=2) > 0).tolist()
+    return [
+        CountedVolume(
+            surfaces.rows(slice(starts[k] - k, starts[k + 1] - k - 1)),  # no surface is that of an outside
+            betti[ends[k] : ends[k + 1]],
+            euler=eulers[k],
+            dual_euler=dual // _SHARES,
+            n_inside=n_inside[k],
+            touched=tuple((before, after) for before, after in touched[k]),
+        )
+        for k, dual in enumerate(duals.tolist())
+    ]
 
 
-def _parents(n_nodes: int, first: Integers, second: Integers) -> Integers:
-    """The parent of every node of the adjacency tree, which is given by its edges; −1 for node 0, the outside."""
-    parent = np.full(n_nodes, -1)
-    hang_leaves(first, second, parent)
-    if not (parent >= 0).sum() == n_nodes - 1 == len(first):
+def _sums(values: NDArray[Any], ends: Integers) -> Integers:
+    """Sums of the rows from each end to the next, which may be none."""
+    totals = np.concatenate((np.zeros((1, *values.shape[1:]), np.int64), np.cumsum(values, axis=0)))
+    return np.diff(totals[ends], axis=0)
+
+
+def _parents(roots: Integers, n_nodes: int, first: Integers, second: Integers) -> Integers:
+    """The parent of every node of the adjacency trees, which are given by their edges; −1 for the roots, outside."""
+    parent, is_root = np.full(n_nodes, -1), np.zeros(n_nodes, bool)
+    is_root[roots] = True
+    hang_leaves(first, second, is_root, parent)
+    if not (parent >= 0).sum() == n_nodes - len(roots) == len(first):
         raise AssertionError(
-            f"{n_nodes} regions with {len(first)} walls, {(parent >= 0).sum()} of them joined: no tree"
+            f"{n_nodes} regions with {len(first)} walls, {(parent >= 0).sum()} of them joined: not {len(roots)} trees"
         )
     return parent
 
 
 def _surfaces(
-    parent: Integers, euler: Integers, faces: Integers, low: Integers, high: Integers, nodes: Integers, grid: Grid
+    parent: Integers, sums: Integers, nodes: Integers, owners: Integers, starts: Integers, grid: Grid
 ) -> CountedComponents:
-    """The outer walls of the nodes of an adjacency tree, largest area first.
+    """The outer walls of the nodes of adjacency trees, tree after tree, in each the largest area first.
 
     Args:
-        parent: (N,) of every node; that of node 0, the outside, is −1. Nodes of the background come first.
-        euler: (N,) χ of their outer walls.
-        faces: (N, 3) faces between voxels in these walls, across each axis.
-        low: (N, 3) first voxel of each node along each axis.
-        high: (N, 3) last + 1.
+        parent: (N,) of every node; −1 for that of the outside, the first node of each tree.
+        sums: (N, 4) χ of their outer walls, and the faces between voxels in these, across each axis.
         nodes: (N, 8) rows of `NODE_COLUMNS`.
+        owners: (N,) ascending, the number of the tree.
+        starts: (V + 1,) where each tree starts, and N.
         grid: where the centers of the voxels are.
     """
     steps = np.asarray(grid.spacing) / max(grid.spacing)
     areas = np.zeros(len(parent))
     for axis in range(3):
-        areas += faces[:, axis] * (np.prod(steps) / steps[axis])
-    ranked = 1 + np.argsort(-areas[1:], kind="stable")
-    rank = np.full(len(parent), -1)
-    rank[ranked] = np.arange(len(ranked))
+        areas += sums[:, 1 + axis] * (np.prod(steps) / steps[axis])
+    order = np.lexsort((-areas, parent >= 0, owners))
+    rank = inverse_order(order) - starts[owners] - 1  # −1 for the outside
+    ranked = order[parent[order] >= 0]
     origin, spacing = np.asarray(grid.origin), np.asarray(grid.spacing)
+    spans = origin + spacing * (nodes[ranked, 2:].reshape(-1, 2, 3) - 1.5)
+    euler = sums[ranked, 0]
     first = np.stack(np.unravel_index(nodes[ranked, 1], [n + 2 for n in grid.shape]), axis=1) - 1
     return CountedComponents(
-        euler[ranked],
-        genus_of(euler[ranked]),
+        euler,
+        genus_of(euler),
         np.zeros_like(ranked),
-        origin + spacing * (low[ranked] - 0.5),
-        origin + spacing * (high[ranked] - 0.5),
-        areas[ranked] / areas.sum(),
+        spans[:, 0],
+        spans[:, 1],
+        areas[ranked] / np.add.reduceat(areas, starts[:-1])[owners[ranked]],
         rank[parent[ranked]],
         _depths(parent)[ranked] - 1,
         nodes[ranked, 0] * np.prod(spacing),
@@ -159,14 +189,16 @@ def _depths(parent: Integers) -> Integers:
     return depth
 
 
-def _solid_betti(parent: Integers, euler: Integers, voxels: Integers, is_solid: Booleans) -> Integers:
-    """Betti numbers (C, 3) of the components of the solid: its cavities are its children in the adjacency tree.
+def _solid_betti(
+    parent: Integers, euler: Integers, voxels: Integers, is_solid: Booleans, owners: Integers
+) -> Integers:
+    """Betti numbers (C, 3) of the components of solids: the cavities of one are its children in the adjacency tree.
 
     χ of a component is half of χ of its walls, which are its own outer wall and those of its cavities.
     """
-    inner = np.zeros_like(euler)
-    np.add.at(inner, parent[1:], euler[1:])
-    cavities = np.bincount(parent[1:], minlength=len(parent))
+    inner, has_parent = np.zeros_like(euler), parent >= 0
+    np.add.at(inner, parent[has_parent], euler[has_parent])
+    cavities = np.bincount(parent[has_parent], minlength=len(parent))
     tunnels = 1 + cavities - (euler + inner) // 2
     table = np.stack((np.ones_like(tunnels), tunnels, cavities), axis=1)[is_solid]
-    return table[np.argsort(-voxels[is_solid], kind="stable")]
+    return table[np.lexsort((-voxels[is_solid], owners[is_solid]))]

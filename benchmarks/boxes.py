@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from topokit.core.grid.boxes import count_periodic, cut_out_euler
+from topokit.core.grid.boxes import count_periodic
+from topokit.core.grid.minkowski import cube_counts, euler_of
 
 _SIDE = 48  # cells of a volume along an axis; it has one voxel more
 _PERIOD = 24
@@ -37,13 +38,13 @@ def volumes() -> list[NDArray[np.bool_]]:
 def sum_of_blocks(inside: NDArray[np.bool_], n_blocks: int, connectivity: int) -> float:
     """The sum of Δχ over blocks that share their end layers, so many along each axis."""
     ends = [slice(low, high + 1) for low, high in pairwise(_SIDE * k // n_blocks for k in range(n_blocks + 1))]
-    return sum(cut_out_euler(inside[box], connectivity) for box in product(ends, repeat=3))
+    return sum(euler_of(cube_counts(inside[box]), connectivity) for box in product(ends, repeat=3))
 
 
 def main() -> None:
     """Print how many sums differ, and the genus of cells and of 2 × 2 × 2 and 3 × 3 × 3 of them."""
     cases = [(inside, n, connectivity) for inside in volumes() for n in (2, 3, 4) for connectivity in (6, 26)]
-    n_wrong = sum(sum_of_blocks(*case) != cut_out_euler(case[0], case[2]) for case in cases)
+    n_wrong = sum(sum_of_blocks(*case) != euler_of(cube_counts(case[0]), case[2]) for case in cases)
     print(f"Δχ of 8, 27 and 64 blocks of ten volumes: {n_wrong} of {len(cases)} sums differ from the whole")
     axis = (np.arange(_PERIOD) + 0.5) * 2 * np.pi / _PERIOD
     for name, (n_primitive, wave) in SURFACES.items():

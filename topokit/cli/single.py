@@ -233,7 +233,7 @@ def _cell(value: object) -> str:
 
 @takes_bundles
 def curve(
-    file: Annotated[str, typer.Argument(help="A volume or a network.", metavar="FILE")],
+    file: Annotated[str, typer.Argument(help="A volume, network, mesh or cloud.", metavar="FILE")],
     given: Given,
     format: Format = None,
     output: Annotated[
@@ -242,7 +242,10 @@ def curve(
     n_levels: Annotated[int, typer.Option("--levels", min=0, help="Levels, evenly spaced; 0 for all changes.")] = 64,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object of lists.")] = False,
 ) -> None:
-    """Which threshold: one line per level with χ of the solid, pieces, tunnels and cavities (tabs)."""
+    """Which threshold: one line per level with χ of the solid, pieces, tunnels and cavities (tabs).
+
+    Levels are gray values, of a mesh the distance inside its surface, of points the radius of balls around them.
+    """
     opener = given.opener()
 
     def answer(shape: Shape, *_: object) -> str:

@@ -48,7 +48,7 @@ def save_plot(curve: EulerCurve, path: str | os.PathLike[str], *, title: str = "
     lower.step(curve.levels, curve.euler, where="post", color="black")
     lower.set_yscale("symlog", linthresh=1)
     lower.set_ylabel("χ of the solid")
-    lower.set_xlabel("level")
+    lower.set_xlabel(curve.over)
     figure.suptitle(title)
     with completed_file(target) as unfinished:
         figure.savefig(unfinished, format=target.suffix[1:].lower(), dpi=120)

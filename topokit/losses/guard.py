@@ -22,6 +22,7 @@ from topokit.core.grid.betti import betti_numbers
 from topokit.core.homotopy.deformation import deform
 from topokit.core.homotopy.nearest_solid import Betti, Change, Values, cost, nearest_solid
 from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
+from topokit.core.labels import inverse_order
 from topokit.losses.goal import Goal
 
 Regions = NDArray[np.int64]
@@ -142,10 +143,9 @@ def _wanted(goal: Goal, present: Booleans) -> Betti:
 def _nearest_component(labels: NDArray[np.int32]) -> Regions:
     """Rank by size of the component that is nearest to each voxel, 0 for the largest component."""
     sizes = np.bincount(labels.ravel())[1:]
-    rank = np.empty(len(sizes) + 1, dtype=np.int64)
-    rank[1 + np.argsort(-sizes, kind="stable")] = np.arange(len(sizes))
+    rank = inverse_order(np.argsort(-sizes, kind="stable"))
     nearest = ndimage.distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
-    return rank[labels[tuple(nearest)]]
+    return rank[labels[tuple(nearest)] - 1]
 
 
 def _is_border(regions: Regions) -> Booleans:

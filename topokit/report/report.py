@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from topokit.core.components import CountedComponents, SurfaceComponent
 from topokit.core.grid.boxes import PeriodicSolid
+from topokit.core.grid.minkowski import MinkowskiNumbers
 from topokit.core.grid.placement import Placement
 from topokit.core.loops import BoundaryLoop, width_of
 from topokit.core.mesh.enclosed_solid import EnclosedSolid
@@ -69,6 +70,7 @@ class CountedAnswer:
         cut_out_euler: as for `TopologyReport`.
         connectivity_density: likewise.
         torus: of a volume that is periodic, what its components do not tell.
+        minkowski: as for `TopologyReport`, where the count has them.
         flipped, inverted, advice: as for `TopologyReport`.
     """
 
@@ -86,6 +88,7 @@ class CountedAnswer:
     cut_out_euler: float | None = None
     connectivity_density: float | None = None
     torus: PeriodicSolid | None = None
+    minkowski: MinkowskiNumbers | None = None
     flipped: int | None = None
     inverted: int | None = None
     advice: str | None = None
@@ -130,6 +133,9 @@ class TopologyReport:
         cut_out_euler: Δχ, what a volume that was cut from a larger body contributes to χ of that solid, in eighths;
             None unless it was opened with `edges="cut-out"`.
         connectivity_density: (1 − Δχ) / V for a volume V between the centers of its end layers, likewise.
+        minkowski: volume, surface area and mean breadth of the solid by Crofton's formulas, with its χ; None if they
+            were not computed. Of a periodic cell they are those of one period, and of a volume that was cut from a
+            larger body what it contributes to those of that solid.
         features: parts, tunnels and cavities with their widths, or None if they were not measured.
         doubts: where the answer about a cloud may be wrong: places narrower than `resolution`, first those that most
             votes count otherwise, then those where several samples are off the surface. None if they were not looked
@@ -168,6 +174,7 @@ class TopologyReport:
     level_range: tuple[float, float] | None = None
     cut_out_euler: float | None = None
     connectivity_density: float | None = None
+    minkowski: MinkowskiNumbers | None = None
     features: SolidFeatures | None = None
     doubts: tuple[NarrowPlace, ...] | None = None
     rim_widths: tuple[float, ...] = ()
@@ -318,6 +325,7 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         placement=counted.placement,
         cut_out_euler=counted.cut_out_euler,
         connectivity_density=counted.connectivity_density,
+        minkowski=counted.minkowski,
         flipped=counted.flipped,
         inverted=counted.inverted,
         advice=counted.advice,

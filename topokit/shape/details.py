@@ -13,6 +13,7 @@ from torch import Tensor
 from topokit.core.mesh.enclosed_solid import EnclosedSolid, enclosed_solid
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import overlaps
+from topokit.shape.facts import minkowski
 from topokit.shape.levels import level_range
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ def with_details(report: TopologyReport, shape: Shape, n_neighbors: int) -> Topo
         refined=refined,
         solid=solid,
         level_range=levels,
+        minkowski=None if shape.field is None and report.minkowski is None else minkowski(shape),
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from topokit.core.arrays import Floats
 from topokit.core.components import Corner
+from topokit.core.grid.minkowski import MinkowskiNumbers, cube_counts, minkowski_numbers
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
 from topokit.core.surface import TriangleSurface
@@ -80,7 +81,7 @@ def bounds(shape: Shape) -> tuple[Corner, Corner]:
     """Lowest and highest corner of the bounding box, in units of length: of what was counted, else of the samples."""
     if shape.counted is not None and len(parts := shape.counted.components):
         return bounds_of(np.concatenate((parts.low, parts.high)))
-    return bounds_of(_points(shape, "bounds are those"))
+    return bounds_of(sample_points(shape, "bounds are those"))
 
 
 def area(shape: Shape) -> float:
@@ -95,7 +96,7 @@ def area(shape: Shape) -> float:
         vertices, faces = mesh_arrays(shape.mesh)
         a, b, c = (vertices[faces[:, corner]] for corner in range(3))
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-    _points(shape, "area is that")
+    sample_points(shape, "area is that")
     return float(shape.curvature().area.detach().double().sum())
 
 
@@ -108,6 +109,41 @@ def volume(shape: Shape) -> float:
     surface = closed_surface(shape)
     a, b, c = ((surface.vertices - surface.vertices[0])[surface.faces[:, corner]] for corner in range(3))
     return float((a * np.cross(b, c)).sum() / 6)
+
+
+def minkowski(shape: Shape) -> MinkowskiNumbers:
+    """Volume, surface area, mean breadth and χ of a volume's solid, from counts of its cubes of 2 × 2 × 2 voxels.
+
+    Of a function they are those of its field's grid. Area and mean breadth are Crofton's formulas with 13 directions,
+    also where the spacing differs along the axes: within about 2 % for features of 20 voxels, and 7 % too small for
+    faces along the axes. Not differentiable.
+
+    Returns:
+        `MinkowskiNumbers`, in units of length: of one period of a periodic cell, and of a box that was cut from a
+        larger body (`edges="cut-out"`) what it contributes to those of the body.
+
+    Raises:
+        InputError: if the shape has no voxels in memory (meshes, points, volumes that are counted block by block).
+
+    Reference:
+        Legland, Kiêu and Devaux 2007, DOI 10.5566/ias.v26.p83-92.
+
+    Example:
+        >>> import numpy as np, topokit as tk
+        >>> found = tk.from_voxels(np.ones((4, 5, 6), dtype=bool), spacing=0.5).minkowski()
+        >>> found.volume, found.euler
+        (15.0, 1.0)
+    """
+    if shape.counted is not None and shape.counted.minkowski is not None:
+        return shape.counted.minkowski
+    if shape.field is None:
+        raise InputError(
+            f"{shape.name} has no voxels in memory; Minkowski numbers are those of volumes and functions. area and "
+            "volume are those of other shapes."
+        )
+    values, level = shape.field.gray_values()
+    cubes = cube_counts(np.pad((values > level).cpu().numpy(), 1))
+    return minkowski_numbers(cubes, shape.field.connectivity, shape.field.grid.spacing)
 
 
 def split(shape: Shape) -> tuple[trimesh.Trimesh, ...]:
@@ -132,7 +168,7 @@ def split(shape: Shape) -> tuple[trimesh.Trimesh, ...]:
     return tuple(as_trimesh(TriangleSurface(vertices, faces).compact()) for faces in parts)
 
 
-def _points(shape: Shape, what: str) -> Floats:
+def sample_points(shape: Shape, what: str) -> Floats:
     """The samples (N, 3), unless they are batched."""
     points = shape.samples.points.detach().cpu().double().numpy()
     if points.ndim != 2:

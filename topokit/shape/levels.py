@@ -1,34 +1,44 @@
-"""How topology depends on the level: questions to shapes that are made from a field on a grid."""
+"""How topology depends on the level: gray values, the distance to a surface, or the radius of balls around points."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from topokit.core.scale.signed_distance import signed_distance, smallest_cell
 from topokit.errors import InputError
+from topokit.shape.facts import sample_points
+from topokit.shape.surface import closed_surface
 
 if TYPE_CHECKING:
     from topokit.core.blocks.curve import EulerCurve
     from topokit.shape.shape import Shape
 
 
-def euler_curve(shape: Shape, levels: ArrayLike | None = None) -> EulerCurve:
-    """χ and Betti numbers of the solids {field > t} for every level t, exact, in the shape's connectivity.
+def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: int = 128) -> EulerCurve:
+    """χ and Betti numbers of a shape's solids at every level t.
 
-    Of a volume the field is its gray values; of a function what it gives on the grid of its field, minus the level and
-    positive inside. The shape's own level makes no difference, so a volume whose level is not known yet may be opened
-    with any, such as `from_voxels(volume, level=float("-inf"))`.
+    * Volumes: {gray values > t}, exact, in the shape's connectivity. The shape's own level makes no difference, so a
+      volume whose level is not known yet may be opened with any, such as `from_voxels(volume, level=float("-inf"))`.
+    * Functions: {field > t} on the grid of its field, minus the level and positive inside.
+    * Meshes: the points more than t inside the surface, or up to −t outside, on a grid. Distances are wrong by up to a
+      cell, so what changes within two cells is rounding.
+    * Points and splats: the union of balls with radius t around the samples, from their Delaunay tetrahedra.
 
     Args:
         levels: ascending; None gives all levels at which a number changes, which are many where the field is noise.
+        resolution: of a mesh, cells along the longest side of its box.
 
     Returns:
-        `EulerCurve`: `levels`, `euler` and `betti` (pieces, tunnels, cavities) of the solid; `at` and `range_of`.
+        `EulerCurve`: `levels`, and `euler` and `betti` (pieces, tunnels, cavities) of the solid; `at` and `range_of`;
+        `over` says what the levels are.
 
     Raises:
-        InputError: if the shape has no field (meshes, points, volumes that are counted block by block), or levels are
-            not ascending.
+        InputError: if levels are not ascending, a mesh has no closed surface or is thinner than a cell, fewer than 5
+            samples are distinct, or a volume is periodic or counted block by block.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -38,14 +48,33 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None) -> EulerCurve:
         >>> curve.betti.tolist(), curve.range_of(0.5)
         ([[1, 1, 0], [0, 0, 0]], (0.2, 1.0))
     """
-    if shape.field is None:
-        raise InputError(
-            f"{shape.name} has no field on a grid in memory; volumes and functions have curves over levels."
-        )
-    from topokit.core.blocks.curve import euler_curve as curve_of  # loads numba, which other shapes do not need
+    # What follows loads numba or SciPy's triangulations, which other questions do not need.
+    from topokit.core.blocks.curve import euler_curve as curve_of_field
+    from topokit.core.cloud.solid.union_curve import union_curve
 
-    curve = curve_of(shape.field.gray_values()[0], shape.field.connectivity)
+    if shape.field is not None:
+        curve = curve_of_field(shape.field.gray_values()[0], shape.field.connectivity)
+    elif shape.mesh is not None:
+        curve = replace(curve_of_field(_depth(shape, resolution)), over="distance inside the surface")
+    else:
+        curve = union_curve(sample_points(shape, "the curve is that"))
     return curve if levels is None else curve.at(levels)
+
+
+def _depth(shape: Shape, resolution: int) -> NDArray[np.float32]:
+    """Distances inside the closed surface of a mesh, on a grid around its box.
+
+    That the grid ends at the box changes no Betti number: what is near the surface shrinks onto the part of it in the
+    box, as the nearest point of a convex set is never farther from a point of the set.
+    """
+    surface = closed_surface(shape)
+    finest = int(np.ptp(surface.vertices, axis=0).max() / smallest_cell(surface))
+    if not 0 < resolution <= finest:
+        raise InputError(f"resolution is {resolution!r}; expected a positive number of cells, here {finest} at most.")
+    distance = signed_distance(surface, float(np.ptp(surface.vertices, axis=0).max()) / resolution)
+    if not len(distance.samples):
+        raise InputError(f"{shape.name} is thinner than a cell of {distance.cell:.3g} everywhere: raise resolution.")
+    return -distance.values
 
 
 def level_range(shape: Shape) -> tuple[float, float] | None:

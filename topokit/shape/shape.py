@@ -381,6 +381,7 @@ class Shape:
     area = property(facts.area)
     volume = property(facts.volume)
     betti = facts.betti
+    minkowski = facts.minkowski
     compare = compare
     split = facts.split
     save = save

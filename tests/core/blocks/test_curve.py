@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 import topokit as tk
 from topokit.cli.app import app
 from topokit.core.blocks.curve import euler_curve
+from topokit.core.cloud.solid.union_curve import union_curve
 from topokit.core.grid.betti import betti_numbers
 from topokit.core.grid.euler import solid_euler
 from topokit.errors import InputError
@@ -100,8 +101,26 @@ def test_shapes_with_a_field_have_curves() -> None:
     options = {"bounds": ((-1, -1, -1), (1, 1, 1)), "field_resolution": 16}
     sphere = tk.from_sdf(lambda x: x.norm(dim=-1) - 0.5, **options)
     assert sphere.euler_curve([0.0, 0.4]).betti.tolist() == [[1, 0, 0]] * 2  # 0.4 inside the surface
-    with pytest.raises(InputError, match="field"):
-        tk.from_mesh(*tk.testing.icosphere(1)).euler_curve()
+
+
+def test_a_mesh_has_a_curve_over_the_distance() -> None:
+    torus = tk.from_mesh(*tk.testing.torus_mesh(major=1.0, minor=0.4))
+    curve = torus.euler_curve([-0.8, -0.4, -0.2, 0.0, 0.3, 0.5], resolution=64)
+    assert curve.betti.tolist() == [[1, 0, 0], [1, 1, 0], [1, 1, 0], [1, 1, 0], [1, 1, 0], [0, 0, 0]]
+    assert "distance" in curve.over
+    with pytest.raises(InputError, match="resolution"):
+        torus.euler_curve(resolution=0)
+    vertices, faces = tk.testing.icosphere(1)
+    with pytest.raises(InputError, match="no closed surface"):
+        tk.from_mesh(vertices, faces[1:]).euler_curve()
+
+
+def test_points_have_a_curve_over_the_radius() -> None:
+    points = tk.testing.torus_mesh(major=1.0, minor=0.4)[0]
+    curve = tk.from_points(points).euler_curve([0.0, 0.2, 0.5])
+    assert curve.betti.tolist() == [[len(points), 0, 0], [1, 2, 1], [1, 1, 0]]
+    with pytest.raises(InputError, match="4 distinct points"):
+        union_curve(np.repeat(np.eye(4, 3), 3, axis=0))
 
 
 def test_the_command_needs_no_level_and_draws(tmp_path: Path) -> None:

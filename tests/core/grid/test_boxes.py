@@ -6,14 +6,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-import torch
 from numpy import cos, sin
 from typer.testing import CliRunner
 
 import topokit as tk
 from topokit.cli.app import app
-from topokit.core.grid.boxes import count_periodic, cut_out_euler
-from topokit.core.grid.euler import solid_euler
+from topokit.core.grid.boxes import count_periodic
+from topokit.core.grid.minkowski import cube_counts, minkowski_numbers
 from topokit.errors import InputError, NoSamplesError
 
 SURFACES = {  # level sets of period 2π; how many primitive cells of genus 3 are in the cube
@@ -76,9 +75,14 @@ def test_contributions_of_blocks_add_up_to_the_whole(connectivity: int) -> None:
             side = 24 // n_blocks
             starts = product(range(0, 24, side), repeat=3)
             blocks = (whole[tuple(slice(start, start + side + 1) for start in place)] for place in starts)
-            assert sum(cut_out_euler(block, connectivity) for block in blocks) == cut_out_euler(whole, connectivity)
-        closed = np.pad(whole, 1)
-        assert cut_out_euler(closed, connectivity) == int(solid_euler(torch.from_numpy(closed), 0, connectivity))
+            total, parts = numbers(whole, connectivity), [numbers(block, connectivity) for block in blocks]
+            assert sum(part.euler for part in parts) == total.euler
+            for name in ("volume", "surface_area", "mean_breadth"):
+                assert sum(getattr(part, name) for part in parts) == pytest.approx(getattr(total, name))
+
+
+def numbers(inside: np.ndarray, connectivity: int):
+    return minkowski_numbers(cube_counts(inside), connectivity, (1.0, 2.0, 3.0))
 
 
 def test_reports_speak_of_the_torus_and_of_the_larger_body() -> None:
@@ -97,6 +101,11 @@ def test_reports_speak_of_the_torus_and_of_the_larger_body() -> None:
     assert report.cut_out_euler == -2 * 8
     assert report.connectivity_density == (1 + 16) / 16**3
     assert "cut from a larger body" in str(report)
+    assert report.minkowski == tk.from_voxels(twice, edges="cut-out", spacing=0.5).minkowski()
+    cell = tk.from_voxels(lattice, periodic=True, spacing=0.5).minkowski()  # of one period, which is there 8 times
+    assert report.minkowski.surface_area == pytest.approx(8 * cell.surface_area)
+    assert report.minkowski.volume == 8 * cell.volume == twice[1:, 1:, 1:].sum() / 8
+    assert cell.euler == -2
 
 
 def test_boxes_that_are_none_are_refused() -> None:

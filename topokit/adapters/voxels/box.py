@@ -9,8 +9,9 @@ from typing import Any, Literal, NoReturn, get_args
 
 from topokit.adapters.voxels.field import VoxelField
 from topokit.core.components import CountedComponents
-from topokit.core.grid.boxes import Periodic, count_periodic, cut_out_euler
+from topokit.core.grid.boxes import Periodic, count_periodic
 from topokit.core.grid.euler import dual_connectivity
+from topokit.core.grid.minkowski import cube_counts, minkowski_numbers
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, NoSamplesError
 from topokit.report.report import CountedAnswer, Evidence
@@ -82,19 +83,27 @@ def _periodic_answer(field: VoxelField, placement: Placement, box: Box) -> Count
         reasons=(reason,),
         placement=placement,
         torus=found,
+        minkowski=minkowski_numbers(found.cubes, connectivity, field.grid.spacing),
     )
 
 
 def cut_out_answer(answer: CountedAnswer, field: VoxelField) -> CountedAnswer:
     """The answer with what the volume contributes to χ of the solid that it was cut from."""
-    change = cut_out_euler(field.is_inside(field.volume).cpu().numpy(), field.connectivity)
+    cubes = cube_counts(field.is_inside(field.volume).cpu().numpy())
+    found = minkowski_numbers(cubes, field.connectivity, field.grid.spacing)
     sides = [(n - 1) * step for n, step in zip(field.grid.shape, field.grid.spacing, strict=True)]
     if not prod(sides):
         raise InputError(f"a box of shape {field.grid.shape} cut from a larger body needs two layers along each axis.")
-    density = (1 - change) / prod(sides)
+    density = (1 - found.euler) / prod(sides)
     reason = (
-        f"As a box cut from a larger body it contributes Δχ = {change:g} to χ of the solid: a connectivity density of "
-        f"{density:.4g} in a cubed unit of length."
+        f"As a box cut from a larger body it contributes Δχ = {found.euler:g} to χ of the solid: a connectivity "
+        f"density of {density:.4g} in a cubed unit of length."
     )
     first, *others = answer.reasons
-    return replace(answer, reasons=(first, reason, *others), cut_out_euler=change, connectivity_density=density)
+    return replace(
+        answer,
+        reasons=(first, reason, *others),
+        cut_out_euler=found.euler,
+        connectivity_density=density,
+        minkowski=found,
+    )

@@ -41,19 +41,21 @@ _TYPES = ("u1", "i4", "i8", "f4", "f8")  # for which loops are compiled
 
 @dataclass(frozen=True, eq=False)
 class EulerCurve:
-    """χ and Betti numbers of the solids {field > t} over t.
+    """χ and Betti numbers of solids over a level t, such as {field > t}.
 
     Attributes:
         levels: (n,), ascending. The numbers of row i hold for levels[i] ≤ t < levels[i + 1].
         euler: (n,) χ of the solid, half of that of its surface.
         betti: (n, 3) pieces, tunnels and cavities.
         lowest: χ and Betti numbers at levels below the first one; (4,).
+        over: what the levels are.
     """
 
     levels: Floats
     euler: Integers
     betti: Integers
     lowest: Integers
+    over: str = "level"
 
     def at(self, levels: ArrayLike) -> EulerCurve:
         """The curve at other levels, ascending; its rows hold there, and perhaps no further.
@@ -66,7 +68,7 @@ class EulerCurve:
             raise InputError(f"levels must be an ascending row of numbers, got {levels!r}.")
         rows = np.concatenate((self.lowest[None], np.column_stack((self.euler, self.betti))))
         found = rows[np.searchsorted(self.levels, wanted, side="right")]
-        return EulerCurve(wanted, found[:, 0], found[:, 1:], self.lowest)
+        return EulerCurve(wanted, found[:, 0], found[:, 1:], self.lowest, self.over)
 
     def sampled(self, most: int) -> EulerCurve:
         """The curve at so many evenly spaced levels, or itself if it has no more."""
@@ -85,8 +87,9 @@ class EulerCurve:
         return float(ends[row]), float(ends[row + 1])
 
     def to_dict(self) -> dict[str, Any]:
-        """Levels, χ and Betti numbers as lists, ready for JSON."""
-        return {"levels": self.levels.tolist(), "euler": self.euler.tolist(), "betti": self.betti.tolist()}
+        """What the levels are; levels, χ and Betti numbers as lists, ready for JSON."""
+        numbers = {"levels": self.levels.tolist(), "euler": self.euler.tolist(), "betti": self.betti.tolist()}
+        return {"over": self.over} | numbers
 
 
 def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY) -> EulerCurve:

@@ -189,9 +189,7 @@ def _depths(parent: Integers) -> Integers:
     return depth
 
 
-def _solid_betti(
-    parent: Integers, euler: Integers, voxels: Integers, is_solid: Booleans, owners: Integers
-) -> Integers:
+def _solid_betti(parent: Integers, euler: Integers, voxels: Integers, is_solid: Booleans, owners: Integers) -> Integers:
     """Betti numbers (C, 3) of the components of solids: the cavities of one are its children in the adjacency tree.
 
     χ of a component is half of χ of its walls, which are its own outer wall and those of its cavities.

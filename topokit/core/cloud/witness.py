@@ -35,6 +35,7 @@ from topokit.core.cloud.solid.counts import count_parts
 from topokit.core.cloud.solid.surface import cut_surface
 from topokit.core.cloud.solid.wires import WireReading, read_wire
 from topokit.core.cloud.votes import SampleQuality, crowded_share, tally
+from topokit.core.labels import inverse_order
 from topokit.core.neighbors.kd_tree import nearest_in_tree
 from topokit.core.processors import one_thread
 from topokit.core.progress import begin, stages
@@ -126,11 +127,18 @@ class _Entry:
         if len(first) < FEWEST_POINTS:
             raise InputError(f"{len(first)} distinct points are too few to bound a solid: {FEWEST_POINTS} are needed.")
         order = curve_order(positions[chosen[first]])[0]  # neighbors in space are neighbors in memory
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
         kept = chosen[first[order]]
         cloud = Cloud(positions[kept], None if given is None else given[kept], oriented)
-        return cls(positions, given, cloud, chosen, kept, rank[group], unit_length, single_precision_step(points))
+        return cls(
+            positions,
+            given,
+            cloud,
+            chosen,
+            kept,
+            inverse_order(order)[group],
+            unit_length,
+            single_precision_step(points),
+        )
 
     def reduced(self, kept: Integers) -> _Entry:
         """The same for some of the cloud's points."""

@@ -8,8 +8,9 @@ axes, winding ranks r(K), r(C) and r of both together, and b3 = 1 only if K is a
 
 by Alexander duality and the Mayer–Vietoris sequence, with rational coefficients.
 
-In a cut-out box the voxels are points of a larger lattice. A cell counts half if it lies in the first or last layer
-of an axis, a quarter in two of these, an eighth in three. So boxes that share their end layers add up to the whole.
+In a box cut out of a larger body voxels are points of a larger lattice. By its cubes alone (see `minkowski`), a cell
+counts half if it lies in the first or last layer of an axis, a quarter in two of these, an eighth in three. So boxes
+that share their end layers add up to the whole.
 
 References:
     A. Odgaard, H. J. G. Gundersen, "Quantification of connectivity in cancellous bone, with special emphasis on 3-D
@@ -20,16 +21,16 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from topokit.core.arrays import Booleans, Integers
-from topokit.core.grid.euler import check_connectivity, dual_connectivity, solid_euler
+from topokit.core.grid.euler import dual_connectivity
+from topokit.core.grid.minkowski import cube_counts, euler_of
 
 Periodic = tuple[bool, bool, bool]
 
@@ -42,11 +43,13 @@ class PeriodicSolid:
         euler: χ of the solid.
         betti: (b0, b1, b2) of the solid: pieces, tunnels (loops around the box, too), cavities (sheets across it, too).
         n_surfaces: components of its surface.
+        cubes: (256,) see `cube_counts`.
     """
 
     euler: int
     betti: tuple[int, int, int]
     n_surfaces: int
+    cubes: Integers = field(repr=False, compare=False)
 
     @property
     def genus(self) -> int:
@@ -62,46 +65,17 @@ def count_periodic(inside: Booleans, connectivity: int, periodic: Periodic) -> P
         connectivity: 6 or 26, that of the solid.
         periodic: along which axes the last layer touches the first.
     """
-    check_connectivity(connectivity)
     box = np.pad(inside, [(0 if wraps else 1,) * 2 for wraps in periodic])
-    euler = _periodic_euler(box if connectivity == 6 else ~box, periodic)
-    euler -= connectivity == 26 and not any(periodic)
+    cubes = cube_counts(np.pad(box, [(0, int(wraps)) for wraps in periodic], mode="wrap"))
+    euler = round(euler_of(cubes, connectivity))
     pieces, winding = _components(box, connectivity, periodic)
     regions, around = _components(~box, dual_connectivity(connectivity), periodic)
     if regions == 0:
-        return PeriodicSolid(0, (1, 3, 3), 0)
+        return PeriodicSolid(0, (1, 3, 3), 0, cubes)
     cavities = regions - 1 + sum(periodic) - _rank(around)
     n_surfaces = pieces + regions - 1 + sum(periodic) - _rank(np.concatenate((winding, around))) if pieces else 0
-    return PeriodicSolid(euler, (pieces, pieces + cavities - euler, cavities) if pieces else (0, 0, 0), n_surfaces)
-
-
-def cut_out_euler(inside: Booleans, connectivity: int) -> float:
-    """What a box contributes to χ of the solid that it was cut from (Δχ), in eighths.
-
-    Args:
-        inside: (X, Y, Z), whether a voxel is in the solid.
-        connectivity: 6 or 26, that of the solid.
-    """
-    six = inside if check_connectivity(connectivity) == 6 else ~inside
-    return sum((-0.5) ** n_layers * _euler(layers) for n_layers, layers in _ends(six, (0, -1)))
-
-
-def _periodic_euler(six: Booleans, periodic: Periodic) -> int:
-    """χ of a 6-connected phase: all cells of the box with its first layers repeated, but those within these."""
-    wrapped = np.pad(six, [(0, int(wraps)) for wraps in periodic], mode="wrap")
-    axes = tuple(axis for axis in range(3) if periodic[axis])
-    return sum((-1) ** n_layers * _euler(layers) for n_layers, layers in _ends(wrapped, (-1,), axes))
-
-
-def _ends(box: Booleans, ends: tuple[int, ...], axes: tuple[int, ...] = (0, 1, 2)) -> Iterator[tuple[int, Booleans]]:
-    """The box, its end layers along some axes, the end layers of these and so on; with the number of axes."""
-    choices = [(slice(None), *(slice(end, end + 1 or None) for end in ends if axis in axes)) for axis in range(3)]
-    for chosen in product(*choices):
-        yield sum(one != slice(None) for one in chosen), box[chosen]
-
-
-def _euler(six: Booleans) -> int:
-    return int(solid_euler(torch.from_numpy(np.ascontiguousarray(six)), 0, 6))
+    betti = (pieces, pieces + cavities - euler, cavities) if pieces else (0, 0, 0)
+    return PeriodicSolid(euler, betti, n_surfaces, cubes)
 
 
 def _components(inside: Booleans, connectivity: int, periodic: Periodic) -> tuple[int, Integers]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import CountedComponents, genus_of
-from topokit.core.labels import compact_labels, connected_labels
+from topokit.core.labels import compact_labels, connected_labels, inverse_order
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
 from topokit.core.mesh.nesting import nesting
 from topokit.core.mesh.winding import flipped_faces, turned_over
@@ -130,10 +130,7 @@ def _component_labels(mesh: MeshConnectivity, weights: Floats) -> tuple[Integers
     a, b, c = mesh.faces.T
     joined = connected_labels(mesh.n_vertices, np.concatenate((a, b)), np.concatenate((b, c)))
     labels = compact_labels(joined[a], mesh.n_vertices)
-    order = np.argsort(-np.bincount(labels, weights), kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    labels = rank[labels]
+    labels = inverse_order(np.argsort(-np.bincount(labels, weights), kind="stable"))[labels]
     vertex_labels = np.full(mesh.n_vertices, -1)
     vertex_labels[mesh.faces] = labels[:, None]
     return vertex_labels, labels

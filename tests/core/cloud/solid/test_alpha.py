@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from topokit.core.cloud.solid.alpha import alpha_complex
+from topokit.core.cloud.solid.union_curve import curve_of
 
 CLOUDS = {
     "volume": np.random.default_rng(0).random((400, 3)),
@@ -39,6 +40,7 @@ def test_parts_and_euler_characteristic_equal_gudhi(name: str, radius: float) ->
     assert component.max() + 1 == betti[0]
     assert cavities == betti[2]
     assert eulers[np.searchsorted(radii, radius, side="right") - 1] == betti[0] - betti[1] + betti[2]
+    assert curve_of(found).at([radius]).betti.tolist() == [betti[:3]]
 
 
 def test_the_sphere_is_hollow_until_its_radius() -> None:
@@ -46,6 +48,6 @@ def test_the_sphere_is_hollow_until_its_radius() -> None:
     found = alpha_complex(direction / np.linalg.norm(direction, axis=1, keepdims=True))
     assert found.parts(0.5)[1] == 1
     assert found.parts(1.1)[1] == 0
-    radii, eulers = found.euler_curve()
-    assert eulers[np.searchsorted(radii, 0.5) - 1] == 2
-    assert eulers[-1] == 1
+    curve = curve_of(found)
+    assert curve.at([0.0, 0.5, 1.1]).betti.tolist() == [[1500, 0, 0], [1, 0, 1], [1, 0, 0]]
+    assert curve.euler[-1] == 1

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.labels import connected_labels
+from topokit.core.labels import connected_labels, inverse_order
 from topokit.core.neighbors.kd_tree import nearest_in_tree
 
 _APART = 10.0  # times as far as a copy is the next place; 1 in 100 random points of a surface have such a copy
@@ -64,6 +64,5 @@ def distinct(points: Floats) -> tuple[Integers, Integers]:
     _, first, group = np.unique((bits * factors).sum(1), return_index=True, return_inverse=True)
     if not (points[first[group]] == points).all():  # two positions with one hash
         _, first, group = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    rank = np.empty_like(first)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return np.sort(first), rank[group.ravel()]
+    order = np.argsort(first)
+    return first[order], inverse_order(order)[group.ravel()]

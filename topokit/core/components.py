@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TypeVar, overload
 
 import numpy as np
@@ -99,9 +99,8 @@ class CountedComponents(Sequence[SurfaceComponent]):
 
     def rows(self, which: slice) -> CountedComponents:
         """Some of them, as arrays."""
-        return CountedComponents(
-            *(None if values is None else values[which] for values in (getattr(self, one.name) for one in fields(self)))
-        )
+        columns = {one.name: getattr(self, one.name) for one in fields(self)}
+        return replace(self, **{name: values[which] for name, values in columns.items() if values is not None})
 
     @property
     def genus(self) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -115,12 +116,16 @@ def test_a_mesh_has_a_curve_over_the_distance() -> None:
         tk.from_mesh(vertices, faces[1:]).euler_curve()
 
 
-def test_points_have_a_curve_over_the_radius() -> None:
+def test_points_have_a_curve_over_the_radius(tmp_path: Path) -> None:
     points = tk.testing.torus_mesh(major=1.0, minor=0.4)[0]
     curve = tk.from_points(points).euler_curve([0.0, 0.2, 0.5])
     assert curve.betti.tolist() == [[len(points), 0, 0], [1, 2, 1], [1, 1, 0]]
     with pytest.raises(InputError, match="4 distinct points"):
         union_curve(np.repeat(np.eye(4, 3), 3, axis=0))
+    np.savetxt(tmp_path / "cloud.xyz", points)
+    found = CliRunner().invoke(app, ["curve", str(tmp_path / "cloud.xyz"), "--json"])
+    assert json.loads(found.stdout)["over"] == curve.over
+    assert json.loads(found.stdout)["betti"][-1] == [1, 0, 0]
 
 
 def test_the_command_needs_no_level_and_draws(tmp_path: Path) -> None:

@@ -134,8 +134,8 @@ class TopologyReport:
             None unless it was opened with `edges="cut-out"`.
         connectivity_density: (1 − Δχ) / V for a volume V between the centers of its end layers, likewise.
         minkowski: volume, surface area and mean breadth of the solid by Crofton's formulas, with its χ; None if they
-            were not computed. Of a periodic cell they are those of one period, and of a volume that was cut from a
-            larger body what it contributes to those of that solid.
+            were not computed. A periodic cell has those of one period, and a volume that was cut from a larger body
+            what it contributes to those of that solid.
         features: parts, tunnels and cavities with their widths, or None if they were not measured.
         doubts: where the answer about a cloud may be wrong: places narrower than `resolution`, first those that most
             votes count otherwise, then those where several samples are off the surface. None if they were not looked

@@ -114,7 +114,7 @@ def volume(shape: Shape) -> float:
 def minkowski(shape: Shape) -> MinkowskiNumbers:
     """Volume, surface area, mean breadth and χ of a volume's solid, from counts of its cubes of 2 × 2 × 2 voxels.
 
-    Of a function they are those of its field's grid. Area and mean breadth are Crofton's formulas with 13 directions,
+    A function has those of its field's grid. Area and mean breadth are Crofton's formulas with 13 directions,
     also where the spacing differs along the axes: within 1 % for balls of 20 voxels across, and 7 to 10 % too small for
     faces along the axes. Not differentiable.
 

@@ -156,3 +156,10 @@ def test_the_table_is_text_and_plain_values() -> None:
     )
     assert "cavity  filled" in done.text()
     assert done.to_dict()["removals"][0]["how"] == "filled"
+
+
+def test_where_nothing_is_narrow_the_summary_says_so() -> None:
+    done = tk.from_voxels(CASES["a ring, which stays"][0]).simplify(below=0.5).simplification
+    assert (done.removals, done.changed) == ((), 0)
+    assert "Nothing below 0.5" in done.text()
+    assert done.before == done.after == (2, 1, 0)

@@ -33,10 +33,12 @@ class Simplification:
     unit: Unit
 
     def summary(self) -> str:
-        """The numbers before and after, in one sentence."""
+        """The numbers before and after, in one sentence, or that nothing was removed."""
         names = ("piece", "pieces"), ("tunnel", "tunnels"), ("cavity", "cavities")
         after = ", ".join(plural(count, *name) for count, name in zip(self.after, names, strict=True))
         before = ", ".join(map(str, self.before))
+        if not self.removals:
+            return f"Nothing below {self.below:.4g} was found that may be removed: {after}."
         return (
             f"Simplified below {self.below:.4g}: {after} (before: {before}), {plural(self.changed, self.unit)} changed."
         )

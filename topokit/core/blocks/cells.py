@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.cubes import cube_tables
-from topokit.core.blocks.planes import Labels, place_of, root_of, unite
+from topokit.core.blocks.planes import Labels, root_of, unite
 
 
 class JunctionTables(NamedTuple):
@@ -190,7 +190,7 @@ def wall_cells(
                 six = of_low if solid_is_six else 255 ^ of_low
                 duals[low] += n_cubes * both[six, 4]
                 duals[high] += n_cubes * both[six, 0]
-                n_full, place = place_of(low, high, sums, full, n_full)
+                n_full, place = _place_of(low, high, sums, full, n_full)
                 for column in range(8):
                     sums[place, 2 + column] += n_cubes * both[six, column]
             else:
@@ -200,6 +200,21 @@ def wall_cells(
                 )
         row += 1
     return row, n_full
+
+
+@compiled
+def _place_of(low: int, high: int, sums: Integers, full: Integers, n_full: int) -> tuple[int, int]:
+    """How many rows of `full` are written, and the place of a pair in the sums, which is its own from now on."""
+    place = (low * 31 + high) & (len(sums) - 1)
+    if sums[place, 0] != low or sums[place, 1] != high:
+        if sums[place, 0] >= 0:
+            for column in range(10):  # rows one number at a time: slices take Numba seconds to compile
+                full[n_full, column] = sums[place, column]
+            n_full += 1
+        sums[place, 0], sums[place, 1] = low, high
+        for column in range(8):
+            sums[place, 2 + column] = 0
+    return n_full, place
 
 
 @compiled
@@ -231,12 +246,12 @@ def _add_junction(
         for one in range(n_found):
             for other in range(one):
                 low, high = min(found[one], found[other]), max(found[one], found[other])
-                n_full, _ = place_of(low, high, sums, full, n_full)
+                n_full, _ = _place_of(low, high, sums, full, n_full)
     else:
         for bit in (1, 2, 4):
             if cube[7] != cube[7 ^ bit]:
                 low, high = min(cube[7], cube[7 ^ bit]), max(cube[7], cube[7 ^ bit])
-                n_full, _ = place_of(low, high, sums, full, n_full)
+                n_full, _ = _place_of(low, high, sums, full, n_full)
     for place in range(n_found):
         owner, code = owners[found[place]], codes[place]
         for other in range(n_found):
@@ -257,7 +272,7 @@ def _add_junction(
             one, around = cube[tables.edges[six, k, 0]], cube[tables.edges[six, k, 1]]
             if not solid_is_six:
                 one, around = around, one
-            n_full, slot = place_of(min(one, around), max(one, around), sums, full, n_full)
+            n_full, slot = _place_of(min(one, around), max(one, around), sums, full, n_full)
             first = 2 if one < around else 6
             for column in range(4):
                 sums[slot, first + column] += n_cubes * tables.weights[piece, column]

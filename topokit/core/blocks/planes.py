@@ -320,25 +320,18 @@ def add_to_pair(
     Returns:
         How many rows of `full` are written.
     """
-    n_full, place = place_of(one, other, sums, full, n_full)
-    for column in range(4):
-        sums[place, 2 + column] += n_cubes * weights[code, column]
-    return n_full
-
-
-@compiled
-def place_of(one: int, other: int, sums: Integers, full: Integers, n_full: int) -> tuple[int, int]:
-    """How many rows of `full` are written, and the place of a pair in the sums, which is its own from now on."""
     place = (one * 31 + other) & (len(sums) - 1)
     if sums[place, 0] != one or sums[place, 1] != other:
         if sums[place, 0] >= 0:
-            for column in range(sums.shape[1]):  # rows one number at a time: slices take Numba seconds to compile
+            for column in range(6):  # rows one number at a time: slices take Numba seconds to compile
                 full[n_full, column] = sums[place, column]
             n_full += 1
         sums[place, 0], sums[place, 1] = one, other
-        for column in range(2, sums.shape[1]):
+        for column in range(2, 6):
             sums[place, column] = 0
-    return n_full, place
+    for column in range(4):
+        sums[place, 2 + column] += n_cubes * weights[code, column]
+    return n_full
 
 
 @compiled

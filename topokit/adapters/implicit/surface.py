@@ -54,7 +54,7 @@ _MOST_CELLS = 512  # along the longest side of a grid that is held in memory
 _BELOW_ZERO = -0.1  # values of a network that was fitted to 0 and 1 may ripple as far as that
 _CHECKED_CELLS = 15  # of the grid on which the operations of a proof are compared with their function
 _CHECKED_DIGITS = 2.0**14  # by which its own rounding may be larger than that of one operation
-_MOST_EVALUATIONS = 1 << 24  # that a proof beside grids may cost: finer grids, or those of a cluster, take far more
+_MOST_EVALUATIONS = 1 << 23  # that a proof beside grids may cost: half of what grids of 512 cells take
 _DRAWS = 4  # at most, of samples where projection has failed
 
 

@@ -16,6 +16,7 @@ from topokit.core.implicit.bounds.curves import Curve
 from topokit.core.implicit.bounds.program import Affine, Bent, Form, PositivePart, Product, Program, by_mean_value
 from topokit.core.implicit.bounds.rounding import gamma, up, widened
 
+_STEPS = 16  # of the search for a shortest vector: one is enough for a single generator
 _LOST = 1e-250  # far more than products of tiny numbers can lose, which derivatives do not keep account of
 
 
@@ -52,6 +53,16 @@ class Zonotopes:
         kept = place[self.owner] >= 0
         return Zonotopes(self.center[chosen], self.generators[kept], place[self.owner[kept]], self.radius[chosen])
 
+    def taken(self, chosen: Tensor) -> Zonotopes:
+        """Some of the sets, given by numbers in any order, also more than once."""
+        order = torch.argsort(self.owner, stable=True)
+        count = torch.bincount(self.owner, minlength=len(self.center))
+        first = count.cumsum(0) - count
+        owner = torch.repeat_interleave(count[chosen])
+        place = torch.arange(len(owner)) - (count[chosen].cumsum(0) - count[chosen])[owner]
+        generators = self.generators[order[first[chosen][owner] + place]]
+        return Zonotopes(self.center[chosen], generators, owner, self.radius[chosen])
+
     @staticmethod
     def joined(parts: list[Zonotopes]) -> Zonotopes:
         """Several collections as one."""
@@ -81,6 +92,30 @@ class Zonotopes:
         shadow = shadow + (directions.abs() * self.radius[:, None]).sum(2)
         error = 1e-12 * (directions.abs() * self.size[:, None]).sum(2)
         return middle - shadow * (1 + 1e-10) - error - _LOST
+
+    def lowest(self, directions: Tensor) -> Tensor:
+        """(N, n) the vector of each set that points least along a direction, (N, n)."""
+        along = (directions[self.owner] * self.generators).sum(1, keepdim=True).sign()
+        corner = self.center - self.radius * directions.sign()
+        return corner.index_add(0, self.owner, -along * self.generators)
+
+    def shortest(self) -> Tensor:
+        """(N, n) about the shortest vector of each set: if it is not 0, all of them point along it.
+
+        Reference:
+            Frank and Wolfe, "An algorithm for quadratic programming", Naval Research Logistics Quarterly 3, 1956.
+        """
+        found = self.center
+        for _ in range(_STEPS):
+            found = nearer_to_zero(found, self.lowest(found))
+        return found
+
+
+def nearer_to_zero(one: Tensor, other: Tensor) -> Tensor:
+    """(N, n) the points nearest to 0 on segments from one point to another."""
+    step = other - one
+    share = -(one * step).sum(1) / (step * step).sum(1).clamp(min=_LOST)
+    return one + share.clamp(0, 1)[:, None] * step
 
 
 def count_kinks(program: Program, forms: list[Form]) -> Tensor:

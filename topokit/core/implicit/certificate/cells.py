@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product, repeat
 from typing import NamedTuple
 
 import numpy as np
@@ -20,14 +21,17 @@ from topokit.core.implicit.bounds.local import local_networks
 from topokit.core.implicit.bounds.nested import nested, restricted
 from topokit.core.implicit.bounds.program import Form, Program
 from topokit.core.implicit.bounds.rounding import STEP
+from topokit.core.processors import n_cores, one_thread
 
 DEEPEST = 17  # halvings of the first cells: to 1/524 288 of the box's longest side
 _ROOT = 4  # first cells along the longest side
 _MOST_KINKS = 48  # in a cell of which the gradient is bounded; with more it is divided at once
+_MOST_CREASES = 8  # in a cell for which a direction is searched
 _MOST_LOCAL = 96  # in a cell whose own network is made
 _LOOK = 4  # halvings of a cell by its own network
 _MOST_CELLS = 1 << 24  # waiting at one time: 400 MB
 _ENTRIES = 1 << 15  # numbers in a vector of all cells that are bounded together
+_SIDE_BY_SIDE = 16  # such sets of cells between two looks at what was spent: on any number of cores
 _LINEAR, _CURVED, _KINK, _LOCAL = 20, 120, 4, 10
 """Evaluations of the function that take as long as bounding a cell of ReLUs alone, one of curves, every kink in it, and
 a cell by the network of a larger one."""
@@ -77,11 +81,13 @@ class Effort:
 
 
 class Found(NamedTuple):
-    """What was found in cells: leaves, and cells that are undecided, with their level."""
+    """What was found in cells: leaves, and cells that are undecided, with their level; and what it took."""
 
     leaves: Leaves
     undecided: Integers
     level: int
+    n_bounded: int = 0
+    cost: int = 0  # in evaluations of the function
 
 
 class Octree:
@@ -120,26 +126,34 @@ class Octree:
         """
         found: list[Leaves] = [_none()]
         waiting = {level: [cells]}
-        while waiting:
-            level = min(waiting)
-            cells = np.concatenate(waiting.pop(level))
-            for start in range(0, len(cells), self._chunk):
-                part = cells[start : start + self._chunk]
-                if self.is_over(len(cells) - start) or len(cells) > _MOST_CELLS:
-                    self.open.append((cells[start:], level))
-                    break
-                for leaves, rest, reached in self._leaves_in(part, level):
-                    found.append(leaves)
-                    self.deepest = max(self.deepest, reached)
-                    if len(rest) and reached == DEEPEST:
-                        self.open.append((rest, reached))
-                    elif len(rest):
-                        waiting.setdefault(reached + 1, []).append(children(rest))
+        with ThreadPoolExecutor(n_cores()) as threads:
+            while waiting:
+                level = min(waiting)
+                cells = np.concatenate(waiting.pop(level))
+                together = _SIDE_BY_SIDE * self._chunk
+                for start in range(0, len(cells), together):
+                    if self.is_over(len(cells) - start) or len(cells) > _MOST_CELLS:
+                        self.open.append((cells[start:], level))
+                        break
+                    part = cells[start : start + together]
+                    parts = [part[k : k + self._chunk] for k in range(0, len(part), self._chunk)]
+                    for one in chain(*threads.map(self._leaves_in, parts, repeat(level))):
+                        found.append(one.leaves)
+                        self.n_bounded += one.n_bounded
+                        self.cost += one.cost
+                        self.deepest = max(self.deepest, one.level)
+                        if len(one.undecided) and one.level == DEEPEST:
+                            self.open.append((one.undecided, one.level))
+                        elif len(one.undecided):
+                            waiting.setdefault(one.level + 1, []).append(children(one.undecided))
         return Leaves.joined(found)
 
     def is_over(self, n_cells: int = 0) -> bool:
         """Whether so many cells more cannot be bounded any more."""
-        return time.monotonic() > self.deadline or self.cost + self._per_cell * n_cells > self.effort.evaluations
+        return self._is_late() or self.cost + self._per_cell * n_cells > self.effort.evaluations
+
+    def _is_late(self) -> bool:
+        return time.monotonic() > self.deadline
 
     def bounds(self, cells: Integers, level: int) -> tuple[Floats, Floats]:
         """(n, 3) lowest and highest corners of cells."""
@@ -166,12 +180,15 @@ class Octree:
             errors.append(form.reach[:, 0].numpy())
         return np.concatenate(found), np.concatenate(errors)
 
-    def _leaves_in(self, cells: Integers, level: int) -> Iterator[Found]:
+    def _leaves_in(self, cells: Integers, level: int) -> list[Found]:
+        with one_thread():
+            return list(self._found_in(cells, level))
+
+    def _found_in(self, cells: Integers, level: int) -> Iterator[Found]:
         """What is in cells, by the whole program; and in those with few kinks also by networks of their own."""
-        self.n_bounded += len(cells)
         centers, half = self._boxes(cells, level)
         forms = self.program.forms(centers, half.expand_as(centers))
-        self.cost += self._per_cell * len(cells) + _KINK * len(forms[-1].owner)
+        cost = self._per_cell * len(cells) + _KINK * len(forms[-1].owner)
         low, high = (end[:, 0] for end in forms[-1].ends)
         kinks = count_kinks(self.program, forms)
         undecided = (~((low > 0) | (high < 0))).nonzero()[:, 0]
@@ -181,7 +198,8 @@ class Octree:
         nearest = center.center[:, 0].abs() - center.reach[:, 0]
         is_empty = nearest > (gradient.size * half).sum(1) * (1 + 1e-10)
         is_graph = self._is_graph(gradient, cells[chosen.numpy()], level) & ~is_empty
-        yield Found(self._leaves(cells[chosen.numpy()], level, gradient, is_graph), cells[:0], level)
+        found = self._leaves(cells[chosen.numpy()], level, gradient, is_graph)
+        yield Found(found, cells[:0], level, len(cells), cost)
         rest = undecided[~torch.isin(undecided, chosen[is_empty | is_graph])]
         is_local = kinks[rest] <= (_MOST_LOCAL if self.program.is_piecewise_linear and level < DEEPEST else -1)
         yield Found(_none(), cells[rest[~is_local].numpy()], level)
@@ -195,17 +213,17 @@ class Octree:
         slack = 64 * STEP * (np.abs(self.low) + self.side).max() / half
         for depth in range(1, _LOOK + 1):
             cells, network, level = children(cells), np.repeat(np.arange(len(cells)), 8), level + 1
-            self.n_bounded += len(cells)
-            self.cost += _LOCAL * len(cells)
+            n_bounded = len(cells)
             offset = ((2 * cells + 1) * 0.5**depth - (2 * origin[network] + 1)).astype(np.float64)
             found = nested(networks, network, offset, 0.5**depth + slack)
             undecided = np.nonzero(found.sign == 0)[0]
             gradient = found.gradient(undecided, half)
             is_graph = self._is_graph(gradient, cells[undecided], level)
-            yield Found(self._leaves(cells[undecided], level, gradient, is_graph), cells[:0], level)
+            leaves = self._leaves(cells[undecided], level, gradient, is_graph)
+            yield Found(leaves, cells[:0], level, n_bounded, _LOCAL * n_bounded)
             rest = undecided[~is_graph.numpy()]
             cells = cells[rest]
-            if not len(rest) or level == DEEPEST or depth == _LOOK or self.is_over():
+            if not len(rest) or level == DEEPEST or depth == _LOOK or self._is_late():
                 break
             networks, origin = restricted(networks, network[rest], found.state[rest]), origin[network[rest]]
         yield Found(_none(), cells, level)
@@ -221,7 +239,13 @@ class Octree:
         return centers, torch.from_numpy(scale * (1 + STEP) + STEP * (np.abs(self.low) + self.side))
 
     def _is_graph(self, gradient: Zonotopes, cells: Integers, level: int) -> Tensor:
-        return rises(gradient, gradient.center[:, None], torch.from_numpy(self.touched(cells, level)))
+        touched = torch.from_numpy(self.touched(cells, level))
+        found = rises(gradient, gradient.center[:, None], touched)
+        n_kinks = torch.bincount(gradient.owner, minlength=len(found))
+        creased = (~found & ~touched.any(1) & (n_kinks > 0) & (n_kinks <= _MOST_CREASES)).nonzero()[:, 0]
+        sets = gradient.rows(creased)
+        found[creased] = sets.least(sets.shortest()[:, None])[:, 0] > 0
+        return found
 
 
 def _none() -> Leaves:

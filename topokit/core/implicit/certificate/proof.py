@@ -35,28 +35,24 @@ References:
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from scipy.ndimage import label
-from scipy.sparse import csr_array
-from torch import Tensor
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import Corner, CountedComponents
-from topokit.core.implicit.bounds.gradients import Zonotopes
 from topokit.core.implicit.bounds.program import Program
-from topokit.core.implicit.certificate.cells import DEEPEST, Effort, Leaves, Octree, children, rises, unbalanced
+from topokit.core.implicit.certificate.cells import DEEPEST, Effort, Leaves, Octree, children, unbalanced
+from topokit.core.implicit.certificate.conditions import are_met
+from topokit.core.implicit.certificate.relaxation import leaves_near, relaxed
 from topokit.core.implicit.certificate.triangulation import Triangulation, triangulate
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
 
 Place = tuple[Corner, Corner]
-_STEPS = 40  # of the search for a direction
-_CHUNK = 1 << 16  # leaves tested together
-_TOGETHER = 8  # tetrahedra of each, likewise
+_TESTED = 80  # evaluations of the function that take as long as testing the conditions in a leaf
+_ROUNDS = 4  # of relaxing values where the conditions fail, before cells are divided
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +100,12 @@ def prove(program: Program, low: Corner, high: Corner, effort: Effort) -> Proof:
     while not tree.open:
         chosen = unbalanced(leaves)
         if not len(chosen):
-            mesh = triangulate(tree, leaves, tree.values, tree.bounded_values)
-            chosen = np.nonzero(~_is_proven(tree, leaves, mesh))[0]
+            tree.cost += _TESTED * len(leaves.level)
+            if tree.is_over():
+                tree.open = [(leaves.index[leaves.level == k], k) for k in np.unique(leaves.level).tolist()]
+                break
+            mesh, is_met = _relaxed(tree, leaves, triangulate(tree, leaves, tree.values, tree.bounded_values))
+            chosen = np.nonzero(~is_met)[0]
             if not len(chosen):
                 break
         leaves = _divided(tree, leaves, chosen)
@@ -145,103 +145,20 @@ def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
     return Leaves.joined(parts)
 
 
-def _is_proven(tree: Octree, leaves: Leaves, mesh: Triangulation) -> Booleans:
-    """(n,) whether leaves satisfy the conditions of the theorem."""
-    proven: Booleans = np.ones(len(leaves.level), dtype=bool)
-    proven[mesh.owner[~mesh.is_sure[mesh.tetrahedra].all(1)]] = False
+def _relaxed(tree: Octree, leaves: Leaves, mesh: Triangulation) -> tuple[Triangulation, Booleans]:
+    """The triangulation with values relaxed where the conditions fail, and (n,) whether leaves satisfy them."""
     touched = tree.touched(leaves.index, leaves.level)
-    order = np.argsort(mesh.owner, kind="stable")
-    starts = np.searchsorted(mesh.owner[order], np.arange(len(proven) + 1))
-    for rows in _chunks(len(proven)):
-        part = leaves.gradient.rows(torch.from_numpy(rows))
-        tetrahedra = order[starts[rows[0]] : starts[rows[-1] + 1]]
-        owner = mesh.owner[tetrahedra] - rows[0]
-        fails = ~_all_rise(part, mesh, tetrahedra, owner, touched[rows])
-        proven[rows[fails]] = proven[rows[fails]] & _has_direction(leaves, mesh, rows[fails], touched)
-    return proven
-
-
-def _chunks(count: int) -> Iterator[Integers]:
-    return (np.arange(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
-
-
-def _all_rise(
-    gradient: Zonotopes, mesh: Triangulation, tetrahedra: Integers, owner: Integers, touched: Booleans
-) -> Booleans:
-    """Condition S for each of n cells, with its variants at the faces of the box."""
-    count = np.bincount(owner, minlength=len(touched))
-    first = np.cumsum(count) - count
-    passed: Booleans = count > 0
-    for start in range(0, int(count.max(initial=0)), _TOGETHER):
-        cells = np.nonzero(count > start)[0]
-        wanted = np.minimum(np.arange(start, start + _TOGETHER), count[cells, None] - 1)  # the last is repeated
-        chosen = torch.from_numpy(tetrahedra[first[cells, None] + wanted])
-        near = torch.from_numpy(touched[cells])
-        part = gradient.rows(torch.from_numpy(cells))
-        passed[cells] &= rises(part, mesh.gradient[chosen], near, mesh.slack[chosen]).numpy()
-    return passed
-
-
-def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:
-    """Condition V for some leaves.
-
-    A direction is searched as by a perceptron: the worst of all vectors is added until every product is positive.
-    """
-    found = np.zeros(len(rows), dtype=bool)
-    chosen = np.nonzero(~touched[rows].any(1))[0]
-    if not len(chosen):
-        return found
-    gradient = leaves.gradient.rows(torch.from_numpy(rows[chosen]))
-    cell, tetrahedron = _touching(mesh, rows[chosen], len(leaves.level))
-    owner, vectors, slack = torch.from_numpy(cell), mesh.gradient[tetrahedron], mesh.slack[tetrahedron]
-    vectors_unit = torch.nn.functional.normalize(vectors, dim=1)
-    direction = torch.nn.functional.normalize(gradient.center, dim=1)
-    for _ in range(_STEPS):
-        products = (direction[owner] * vectors).sum(1)
-        error = 1e-12 * (direction[owner] * vectors).abs().sum(1) + (direction[owner].abs() * slack).sum(1)
-        is_bad = torch.zeros(len(chosen), dtype=torch.int64).index_add(0, owner, (~(products > error)).long()) > 0
-        found[chosen] |= (~is_bad & (gradient.least(direction[:, None])[:, 0] > 0)).numpy()
-        if found[chosen].all():
+    is_met = are_met(leaves, mesh, touched, np.arange(len(leaves.level)))
+    bent: Booleans = np.zeros(len(is_met), dtype=bool)
+    for _ in range(_ROUNDS):
+        fails = ~is_met & ~touched.any(1)
+        if not (fails & ~bent).any():
             break
-        worst = _worst(gradient, direction)
-        cosine = (direction[owner] * vectors_unit).sum(1)
-        least = torch.full((len(chosen),), torch.inf, dtype=torch.float64).scatter_reduce(0, owner, cosine, "amin")
-        is_least = cosine == least[owner]
-        mean = torch.zeros_like(direction).index_add(0, owner, vectors_unit * is_least[:, None])
-        from_mesh = torch.nn.functional.normalize(mean, dim=1)
-        takes_mesh = least < (direction * worst).sum(1)
-        direction = torch.nn.functional.normalize(
-            direction + 0.5 * torch.where(takes_mesh[:, None], from_mesh, worst), dim=1
-        )
-    return found
-
-
-def _worst(gradient: Zonotopes, direction: Tensor) -> Tensor:
-    """(N, 3) the direction of the vector in each set that points least along one (N, 3)."""
-    along = (direction[gradient.owner] * gradient.generators).sum(1, keepdim=True).sign()
-    lowest = gradient.center - gradient.radius * direction.sign()
-    return torch.nn.functional.normalize(lowest.index_add(0, gradient.owner, -along * gradient.generators), dim=1)
-
-
-def _touching(mesh: Triangulation, rows: Integers, n_leaves: int) -> tuple[Integers, Integers]:
-    """Pairs of a place in `rows` and a tetrahedron that shares a vertex with that leaf."""
-    n_vertices, (n, corners) = len(mesh.value), mesh.tetrahedra.shape
-    place = np.full(n_leaves, -1)
-    place[rows] = np.arange(len(rows))
-    own = np.nonzero(place[mesh.owner] >= 0)[0]
-    of_leaf = csr_array(
-        (
-            np.ones(len(own) * corners, dtype=np.int32),
-            (np.repeat(place[mesh.owner[own]], corners), mesh.tetrahedra[own].ravel()),
-        ),
-        shape=(len(rows), n_vertices),
-    )
-    of_vertex = csr_array(
-        (np.ones(n * corners, dtype=np.int32), (mesh.tetrahedra.ravel(), np.repeat(np.arange(n), corners))),
-        shape=(n_vertices, n),
-    )
-    cell, tetrahedron = (of_leaf @ of_vertex).nonzero()
-    return cell.astype(np.int64), tetrahedron.astype(np.int64)
+        bent |= fails
+        before, mesh = mesh, relaxed(leaves, mesh, np.nonzero(bent)[0])
+        near = leaves_near(mesh, np.nonzero(mesh.value != before.value)[0])
+        is_met[near] = are_met(leaves, mesh, touched, near)
+    return mesh, is_met
 
 
 def _places(tree: Octree) -> tuple[tuple[Place, ...], int]:

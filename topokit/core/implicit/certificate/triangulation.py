@@ -6,7 +6,8 @@ face with a halved edge is a fan from its own center. Around halved edges the di
 of the fan, so the faces of neighbors agree.
 
 Beside creases the value at a vertex is the mean of the function at eight points around it: where values from both sides
-of a crease are interpolated, the result may fall along directions in which the function rises; that of means does not.
+of a crease are interpolated, the result may fall along directions in which the function rises; that of means seldom
+does, and `relaxation` changes it where it does.
 
 Reference:
     Todd, The Computation of Fixed Points and Applications, 1976 (J1).
@@ -15,7 +16,7 @@ Reference:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import NamedTuple
 
@@ -45,24 +46,38 @@ class Triangulation:
     """Tetrahedra with values at their vertices.
 
     Attributes:
+        vertices: (V, 3), in halves of the smallest cell that may be.
+        scale: (3,) such a half.
         positions: (V, 3) of the vertices.
         value: (V,) about the function there; never 0.
         octants: (V,) eighths of the box around a vertex that leaves cover: fewer than 8 beside empty cells.
         is_sure: (V,) whether the value has the function's sign as far as it must: beside empty cells.
+        is_free: (V,) whether other values serve: inside of the box. Beside empty cells they must have the same sign.
         tetrahedra: (T, 4) vertices.
         owner: (T,) the leaf of each.
         gradient: (T, 3) of the interpolated values, which are linear in a tetrahedron.
         slack: (T, 3) bounds of its rounding errors.
     """
 
+    vertices: Integers
+    scale: Floats
     positions: Floats
     value: Floats
     octants: Integers
     is_sure: Booleans
+    is_free: Booleans
     tetrahedra: Integers
     owner: Integers
     gradient: Tensor
     slack: Tensor
+
+    def with_values(self, value: Floats) -> Triangulation:
+        """The same tetrahedra with other values (V,)."""
+        value = np.where(value == 0, _TINY, value)
+        changed = np.nonzero((value != self.value)[self.tetrahedra].any(1))[0]
+        gradient, slack = self.gradient.clone(), self.slack.clone()
+        gradient[changed], slack[changed] = linear_gradients(self.vertices, self.scale, value, self.tetrahedra[changed])
+        return replace(self, value=value, gradient=gradient, slack=slack)
 
     def surface(self) -> TriangleSurface:
         """The zero set of the interpolated values."""
@@ -101,11 +116,14 @@ def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) 
     value[creased] = _means(positions[creased], reach[creased, None] / 2 * scale, values)
     value = np.where((octants < 8) & ((value > 0) != (exact > 0)), exact, value)
     value = np.where(value == 0, _TINY, value)
-    gradient, slack = _linear_gradients(vertices, scale, value, tetrahedra)
+    gradient, slack = linear_gradients(vertices, scale, value, tetrahedra)
     is_sure: Booleans = np.ones(len(exact), dtype=bool)
     is_sure[beside] = np.abs(exact[beside]) > error
     owner = np.concatenate([rows for _, rows in found])
-    return Triangulation(positions, value, octants, is_sure, tetrahedra, owner, gradient, slack)
+    is_free = ~at_box.any(1)
+    return Triangulation(
+        vertices, scale, positions, value, octants, is_sure, is_free, tetrahedra, owner, gradient, slack
+    )
 
 
 class _Share(NamedTuple):
@@ -206,7 +224,7 @@ def _cones(
     return found
 
 
-def _linear_gradients(vertices: Integers, scale: Floats, value: Floats, tetrahedra: Integers) -> tuple[Tensor, Tensor]:
+def linear_gradients(vertices: Integers, scale: Floats, value: Floats, tetrahedra: Integers) -> tuple[Tensor, Tensor]:
     """(T, 3) gradients of linear interpolation, and bounds of their rounding errors.
 
     The edges are small whole numbers times the scale; the three rows of the inverse are cross products, exact in double

@@ -1,0 +1,149 @@
+"""The conditions of the theorem in `proof`, tested in leaves of an octree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from scipy.sparse import csr_array
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.implicit.bounds.gradients import Zonotopes, nearer_to_zero
+from topokit.core.implicit.certificate.cells import Leaves, rises
+from topokit.core.implicit.certificate.triangulation import Triangulation
+
+_SEARCHED = 24  # steps of the search for a direction
+_CHUNK = 1 << 16  # leaves tested together
+_TOGETHER = 8  # tetrahedra of each, likewise
+
+
+def are_met(leaves: Leaves, mesh: Triangulation, touched: Booleans, rows: Integers) -> Booleans:
+    """(m,) whether leaves satisfy the conditions.
+
+    Args:
+        leaves: n.
+        mesh: their triangulation.
+        touched: (n, 3) whether each touches the box's faces across each axis.
+        rows: (m,) ascending numbers of those to test.
+    """
+    met: Booleans = ~np.isin(rows, mesh.owner[~mesh.is_sure[mesh.tetrahedra].all(1)])
+    for places in _chunks(len(rows)):
+        own = rows[places]
+        place = np.full(len(leaves.level), -1)
+        place[own] = np.arange(len(own))
+        tetrahedra = np.nonzero(place[mesh.owner] >= 0)[0]
+        tetrahedra = tetrahedra[np.argsort(place[mesh.owner[tetrahedra]], kind="stable")]
+        owner = place[mesh.owner[tetrahedra]]
+        part = leaves.gradient.rows(torch.from_numpy(own))
+        fails = ~_all_rise(part, mesh, tetrahedra, owner, touched[own])
+        met[places[fails]] &= _has_direction(leaves, mesh, own[fails], touched)
+    return met
+
+
+def _chunks(count: int) -> Iterator[Integers]:
+    return (np.arange(start, min(start + _CHUNK, count)) for start in range(0, count, _CHUNK))
+
+
+def _all_rise(
+    gradient: Zonotopes, mesh: Triangulation, tetrahedra: Integers, owner: Integers, touched: Booleans
+) -> Booleans:
+    """Condition S for each of n cells, with its variants at the faces of the box."""
+    count = np.bincount(owner, minlength=len(touched))
+    first = np.cumsum(count) - count
+    passed: Booleans = count > 0
+    for start in range(0, int(count.max(initial=0)), _TOGETHER):
+        cells = np.nonzero(count > start)[0]
+        wanted = np.minimum(np.arange(start, start + _TOGETHER), count[cells, None] - 1)  # the last is repeated
+        chosen = torch.from_numpy(tetrahedra[first[cells, None] + wanted])
+        near = torch.from_numpy(touched[cells])
+        part = gradient.rows(torch.from_numpy(cells))
+        passed[cells] &= rises(part, mesh.gradient[chosen], near, mesh.slack[chosen]).numpy()
+    return passed
+
+
+def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:
+    """Condition V for some leaves, with the directions of `directions`."""
+    found = np.zeros(len(rows), dtype=bool)
+    chosen = np.nonzero(~touched[rows].any(1))[0]
+    if not len(chosen):
+        return found
+    pairs = touching(mesh, rows[chosen], len(leaves.level))
+    direction, least = directions(leaves, mesh, rows[chosen], pairs)
+    cell, tetrahedron = pairs
+    along, vectors = direction[cell], mesh.gradient[tetrahedron]
+    error = 1e-12 * (along * vectors).abs().sum(1) + (along.abs() * mesh.slack[tetrahedron]).sum(1)
+    falls = cell[((along * vectors).sum(1) <= error).numpy()]
+    found[chosen] = (least > 0) & (np.bincount(falls, minlength=len(chosen)) == 0)
+    return found
+
+
+def touching(mesh: Triangulation, rows: Integers, n_leaves: int) -> tuple[Integers, Integers]:
+    """Pairs of a place in `rows` and a tetrahedron that shares a vertex with that leaf."""
+    n_vertices, (n, corners) = len(mesh.value), mesh.tetrahedra.shape
+    place = np.full(n_leaves, -1)
+    place[rows] = np.arange(len(rows))
+    own = np.nonzero(place[mesh.owner] >= 0)[0]
+    of_leaf = csr_array(
+        (
+            np.ones(len(own) * corners, dtype=np.int32),
+            (np.repeat(place[mesh.owner[own]], corners), mesh.tetrahedra[own].ravel()),
+        ),
+        shape=(len(rows), n_vertices),
+    )
+    of_vertex = csr_array(
+        (np.ones(n * corners, dtype=np.int32), (mesh.tetrahedra.ravel(), np.repeat(np.arange(n), corners))),
+        shape=(n_vertices, n),
+    )
+    cell, tetrahedron = (of_leaf @ of_vertex).nonzero()
+    return cell.astype(np.int64), tetrahedron.astype(np.int64)
+
+
+def directions(
+    leaves: Leaves, mesh: Triangulation, rows: Integers, pairs: tuple[Integers, Integers]
+) -> tuple[Tensor, Floats]:
+    """(m, 3) unit, directions along which the function rises in leaves, and (m,) its least rise: in leaves near, too.
+
+    Where there is none for all leaves near, that of the leaf alone is taken.
+
+    Args:
+        leaves: all.
+        mesh: their triangulation.
+        rows: (m,) numbers of leaves.
+        pairs: of `touching`.
+    """
+    cell, tetrahedron = pairs
+    distinct = np.unique(np.stack((cell, mesh.owner[tetrahedron]), axis=1), axis=0)
+    together = leaves.gradient.taken(torch.from_numpy(distinct[:, 1]))
+    found, least = _shared_direction(together, torch.from_numpy(distinct[:, 0]))
+    own = leaves.gradient.rows(torch.from_numpy(rows))
+    alone = normalize(own.shortest(), dim=1)
+    found = torch.where((least > 0)[:, None], found, alone)
+    return found, own.least(found[:, None])[:, 0].numpy()
+
+
+def _shared_direction(sets: Zonotopes, group: Tensor) -> tuple[Tensor, Tensor]:
+    """(n, 3) unit, along the shortest vectors of the hulls of groups of sets, and (n,) the least products with them.
+
+    Args:
+        sets: m.
+        group: (m,) ascending, 0 … n − 1, all of them.
+    """
+    count = torch.bincount(group)
+
+    def least_of(products: Tensor) -> Tensor:
+        start = products.new_full((len(count),), torch.inf)
+        return start.scatter_reduce(0, group, products, "amin")
+
+    found = sets.center.new_zeros(len(count), 3).index_add(0, group, sets.center) / count[:, None]
+    for _ in range(_SEARCHED):
+        lowest = sets.lowest(found[group])
+        products = (found[group] * lowest).sum(1)
+        is_least = (products == least_of(products)[group])[:, None]
+        chosen = torch.zeros_like(found).index_add(0, group, lowest * is_least)
+        chosen = chosen / torch.zeros_like(found).index_add(0, group, is_least.expand_as(lowest).double())
+        found = nearer_to_zero(found, chosen)
+    found = normalize(found, dim=1)
+    return found, least_of(sets.least(found[group][:, None])[:, 0])

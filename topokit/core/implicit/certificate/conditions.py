@@ -82,31 +82,30 @@ def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched:
 
 def touching(mesh: Triangulation, rows: Integers, n_leaves: int) -> tuple[Integers, Integers]:
     """Pairs of a place in `rows` and a tetrahedron that shares a vertex with that leaf."""
-    n_vertices, (n, corners) = len(mesh.value), mesh.tetrahedra.shape
     place = np.full(n_leaves, -1)
     place[rows] = np.arange(len(rows))
     own = np.nonzero(place[mesh.owner] >= 0)[0]
-    of_leaf = csr_array(
-        (
-            np.ones(len(own) * corners, dtype=np.int32),
-            (np.repeat(place[mesh.owner[own]], corners), mesh.tetrahedra[own].ravel()),
-        ),
-        shape=(len(rows), n_vertices),
-    )
-    of_vertex = csr_array(
-        (np.ones(n * corners, dtype=np.int32), (mesh.tetrahedra.ravel(), np.repeat(np.arange(n), corners))),
-        shape=(n_vertices, n),
-    )
-    cell, tetrahedron = (of_leaf @ of_vertex).nonzero()
-    return cell.astype(np.int64), tetrahedron.astype(np.int64)
+    is_near = np.zeros(len(mesh.value), dtype=bool)
+    is_near[mesh.tetrahedra[own]] = True
+    near = np.nonzero(is_near[mesh.tetrahedra].any(1))[0]
+    of_leaf = _incidence(place[mesh.owner[own]], mesh.tetrahedra[own], (len(rows), len(is_near)))
+    of_near = _incidence(np.arange(len(near)), mesh.tetrahedra[near], (len(near), len(is_near)))
+    cell, number = (of_leaf @ of_near.T).nonzero()
+    return cell.astype(np.int64), near[number]
+
+
+def _incidence(number: Integers, corners: Integers, shape: tuple[int, int]) -> csr_array:
+    """A matrix that is not 0 where something with a number (n,) has one of the corners (n, 4)."""
+    entries = np.repeat(number, corners.shape[1]), corners.ravel()
+    return csr_array((np.ones(corners.size, dtype=np.int32), entries), shape=shape)
 
 
 def directions(
     leaves: Leaves, mesh: Triangulation, rows: Integers, pairs: tuple[Integers, Integers]
 ) -> tuple[Tensor, Floats]:
-    """(m, 3) unit, directions along which the function rises in leaves, and (m,) its least rise: in leaves near, too.
+    """(m, 3) unit, directions in which the function rises in leaves, and (m,) how fast at least; not positive if none.
 
-    Where there is none for all leaves near, that of the leaf alone is taken.
+    They are those in which it rises in all leaves near, if there are such.
 
     Args:
         leaves: all.
@@ -117,33 +116,28 @@ def directions(
     cell, tetrahedron = pairs
     distinct = np.unique(np.stack((cell, mesh.owner[tetrahedron]), axis=1), axis=0)
     together = leaves.gradient.taken(torch.from_numpy(distinct[:, 1]))
-    found, least = _shared_direction(together, torch.from_numpy(distinct[:, 0]))
+    found = normalize(_shared_direction(together, torch.from_numpy(distinct[:, 0])), dim=1)
     own = leaves.gradient.rows(torch.from_numpy(rows))
-    alone = normalize(own.shortest(), dim=1)
-    found = torch.where((least > 0)[:, None], found, alone)
+    for other in (own.shortest(), own.center):
+        rises_along = own.least(found[:, None]) > 0
+        found = torch.where(rises_along, found, normalize(other, dim=1))
     return found, own.least(found[:, None])[:, 0].numpy()
 
 
-def _shared_direction(sets: Zonotopes, group: Tensor) -> tuple[Tensor, Tensor]:
-    """(n, 3) unit, along the shortest vectors of the hulls of groups of sets, and (n,) the least products with them.
+def _shared_direction(sets: Zonotopes, group: Tensor) -> Tensor:
+    """(n, 3) about the shortest vectors of the hulls of groups of sets (see `Zonotopes.shortest`).
 
     Args:
         sets: m.
         group: (m,) ascending, 0 … n − 1, all of them.
     """
     count = torch.bincount(group)
-
-    def least_of(products: Tensor) -> Tensor:
-        start = products.new_full((len(count),), torch.inf)
-        return start.scatter_reduce(0, group, products, "amin")
-
     found = sets.center.new_zeros(len(count), 3).index_add(0, group, sets.center) / count[:, None]
     for _ in range(_SEARCHED):
         lowest = sets.lowest(found[group])
         products = (found[group] * lowest).sum(1)
-        is_least = (products == least_of(products)[group])[:, None]
-        chosen = torch.zeros_like(found).index_add(0, group, lowest * is_least)
-        chosen = chosen / torch.zeros_like(found).index_add(0, group, is_least.expand_as(lowest).double())
-        found = nearer_to_zero(found, chosen)
-    found = normalize(found, dim=1)
-    return found, least_of(sets.least(found[group][:, None])[:, 0])
+        least = products.new_full((len(count),), torch.inf).scatter_reduce(0, group, products, "amin")
+        is_least = (products == least[group]).double()[:, None]
+        total = torch.zeros_like(found).index_add(0, group, lowest * is_least)
+        found = nearer_to_zero(found, total / found.new_zeros(len(count), 1).index_add(0, group, is_least))
+    return found

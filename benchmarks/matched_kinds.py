@@ -4,9 +4,10 @@
 
 Solids of `planted.py`, as meshes, against their own samples without normals, their splats, a function that interpolates
 their signed distance, and a binary volume, each on common grids of two resolutions. Counted are the parts, tunnels and
-cavities of the mesh that `features()` finds to be wider than a multiple of what is resolved: of the step of the common
-grid, the resolution that the report of samples or splats states, or the step of the function or volume, the coarsest of
-them. Wide features of one kind in one pair are all matched if at least as many match.
+cavities of the mesh that `features()` finds to be wider than a multiple of what is resolved: of two steps of the common
+grid, the resolution that the report of samples or splats states, or two steps of the function or volume, the coarsest
+of them. No cluster of splats is dropped as a floater. Wide features of one kind in one pair are all matched if at least
+as many match.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from topokit.core.surface import TriangleSurface
 
 GRIDS = (64, 128)  # cells of the common grid along the longest side
 CELLS = 60  # of the function and the volume along the longest side of the solid
-FACTORS = (1.0, 1.5, 2.0)  # widths that are counted, in what is resolved
+FACTORS = (1.0, 1.5)  # widths that are counted, in what is resolved
 NAMES = ("parts", "tunnels", "cavities")
 
 
@@ -53,15 +54,15 @@ def kinds_of(mesh: trimesh.Trimesh, n_points: int, seed: int):
     """Name, shape, and width that it resolves, of each representation."""
     points = trimesh.sample.sample_surface(mesh, n_points, seed=seed)[0].copy()
     splats = discs_on(mesh, n_points, Style(), np.random.default_rng(seed))
-    for name, shape in (("samples", tk.from_points(points)), ("splats", tk.from_splats(splats))):
+    for name, shape in (("samples", tk.from_points(points)), ("splats", tk.from_splats(splats, min_cluster_share=None))):
         yield name, shape, shape.report().resolution
     cell = float(np.ptp(mesh.vertices, axis=0).max()) / CELLS
     surface = TriangleSurface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
     distance = signed_distance(surface, cell)
     function, bounds = interpolated(distance)
-    yield "function", tk.from_sdf(function, bounds=bounds, resolution=128), cell
+    yield "function", tk.from_sdf(function, bounds=bounds, resolution=128), 2 * cell
     origin = tuple(distance.low.tolist())
-    yield "volume", tk.from_voxels(distance.values < 0, spacing=cell, origin=origin), cell
+    yield "volume", tk.from_voxels(distance.values < 0, spacing=cell, origin=origin), 2 * cell
 
 
 def compared(family: str, seed: int, n_points: int):
@@ -77,7 +78,7 @@ def compared(family: str, seed: int, n_points: int):
             except tk.InputError as error:
                 yield record | {"error": str(error)}
                 continue
-            least = max(resolved, found.resolution, features.finest)
+            least = max(resolved, 2 * found.resolution, features.finest)
             wide = {str(factor): [*features.above(factor * least)] for factor in FACTORS}
             yield record | {"resolved": least, "matched": [*found.matched], "wide": wide}
 

@@ -54,7 +54,10 @@ def kinds_of(mesh: trimesh.Trimesh, n_points: int, seed: int):
     """Name, shape, and width that it resolves, of each representation."""
     points = trimesh.sample.sample_surface(mesh, n_points, seed=seed)[0].copy()
     splats = discs_on(mesh, n_points, Style(), np.random.default_rng(seed))
-    for name, shape in (("samples", tk.from_points(points)), ("splats", tk.from_splats(splats, min_cluster_share=None))):
+    for name, shape in (
+        ("samples", tk.from_points(points)),
+        ("splats", tk.from_splats(splats, min_cluster_share=None)),
+    ):
         yield name, shape, shape.report().resolution
     cell = float(np.ptp(mesh.vertices, axis=0).max()) / CELLS
     surface = TriangleSurface(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))

@@ -12,9 +12,19 @@ __version__ = "0.2.0"
 _attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
+_OTHER_WORDS = {
+    "BettiError": "compare(a, b).betti_error, or metrics.TopologyMetric",
+    "curve": "load(path).euler_curve()",
+    "fill_boundaries": "load(path).fill_boundaries()",
+    "simplify_topology": "load(path).simplify(below=...)",
+}
+
+
 def __getattr__(name: str) -> Any:
     if name in __all__:
         return _attribute(name)
     from topokit.text import no_attribute
 
-    raise AttributeError(no_attribute("topokit", name, __all__), name=name, obj=None)  # Python would hint once more
+    raise AttributeError(
+        no_attribute("topokit", name, __all__, _OTHER_WORDS), name=name, obj=None
+    )  # Python would hint once more

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -119,6 +120,19 @@ def test_a_wrong_name_suggests_the_right_one(wrong: str, right: str) -> None:
     with pytest.raises(AttributeError, match=f"{wrong}.*{right}"):
         getattr(shape, wrong)
     assert not hasattr(shape, wrong)
+
+
+@pytest.mark.parametrize(("wrong", "right"), [("boundaries", "boundary_loops"), ("genuss", "genus")])
+def test_a_wrong_name_of_a_report_suggests_the_right_one(wrong: str, right: str) -> None:
+    report = tk.from_mesh(torus_mesh()).report()
+    with pytest.raises(AttributeError, match=f"{wrong}.*{right}"):
+        getattr(report, wrong)
+    assert pickle.loads(pickle.dumps(report)) == report
+
+
+def test_a_wrong_name_of_the_package_suggests_the_right_one() -> None:
+    with pytest.raises(AttributeError, match=r"BettiError.*compare\(a, b\).betti_error"):
+        _ = tk.BettiError
 
 
 def test_a_handle_has_a_center() -> None:

@@ -22,7 +22,7 @@ from topokit.report.features import feature_lines, step_picture
 from topokit.report.location import Location
 from topokit.report.verdict import Verdict
 from topokit.report.wording import plural
-from topokit.text import json_text, printable
+from topokit.text import json_text, no_attribute, printable
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -92,6 +92,14 @@ class CountedAnswer:
     flipped: int | None = None
     inverted: int | None = None
     advice: str | None = None
+
+
+_OTHER_WORDS = {
+    "betti": "surface_betti and solid_betti",
+    "boundaries": "boundary_loops, or the shape's boundaries()",
+    "is_closed": "closed",
+    "n_components": "components",
+}
 
 
 @dataclass(frozen=True)
@@ -182,6 +190,12 @@ class TopologyReport:
     inverted: int | None = None
     self_intersections: int | None = None
     advice: str | None = None
+
+    if not TYPE_CHECKING:  # a type checker would take any name for an attribute
+
+        def __getattr__(self, attribute: str) -> object:
+            known = [*dir(type(self)), *(one.name for one in fields(self))]
+            raise AttributeError(no_attribute("a report", attribute, known, _OTHER_WORDS), name=attribute)
 
     @property
     def pieces(self) -> int | None:

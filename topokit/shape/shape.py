@@ -33,6 +33,7 @@ from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
 from topokit.shape.mending import enforce, fill_boundaries, goal, save, simplify
 from topokit.shape.surface import boundary_of, surface_with_rims
+from topokit.shape.transform import euler_transform
 from topokit.text import no_attribute
 
 if TYPE_CHECKING:
@@ -399,6 +400,7 @@ class Shape:
 
     certify = certify
     euler_curve = euler_curve
+    euler_transform = euler_transform
     features = features
     handles = handles
     narrow_places = narrow_places

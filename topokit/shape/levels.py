@@ -21,12 +21,15 @@ if TYPE_CHECKING:
 def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: int = 128) -> EulerCurve:
     """χ and Betti numbers of a shape's solids at every level t.
 
-    * Volumes: {gray values > t}, exact, in the shape's connectivity. The shape's own level makes no difference, so a
-      volume whose level is not known yet may be opened with any, such as `from_voxels(volume, level=float("-inf"))`.
-    * Functions: {field > t} on the grid of its field, minus the level and positive inside.
-    * Meshes: the points more than t inside the surface, or up to −t outside, on a grid. Distances are wrong by up to a
-      cell, so what changes within two cells is rounding.
-    * Points and splats: the union of balls with radius t around the samples, from their Delaunay tetrahedra.
+    A volume's solids are {gray values > t}, exact, in the shape's connectivity. The shape's own level makes no
+    difference, so a volume whose level is not known yet may be opened with any, such as
+    `from_voxels(volume, level=float("-inf"))`. A function's solids are {field > t} on the grid of its field, minus the
+    level and positive inside.
+
+    A mesh's solids are the points more than t inside the surface, or up to −t outside, on a grid. Distances are wrong
+    by up to a cell, so what changes within two cells is rounding.
+
+    Points and splats have the unions of balls with radius t around the samples, from their Delaunay tetrahedra.
 
     Args:
         levels: ascending; None gives all levels at which a number changes, which are many where the field is noise.

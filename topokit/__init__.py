@@ -25,6 +25,5 @@ def __getattr__(name: str) -> Any:
         return _attribute(name)
     from topokit.text import no_attribute
 
-    raise AttributeError(
-        no_attribute("topokit", name, __all__, _OTHER_WORDS), name=name, obj=None
-    )  # Python would hint once more
+    message = no_attribute("topokit", name, __all__, _OTHER_WORDS)
+    raise AttributeError(message, name=name, obj=None)  # Python would hint once more

@@ -51,15 +51,16 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: in
         >>> curve.betti.tolist(), curve.range_of(0.5)
         ([[1, 1, 0], [0, 0, 0]], (0.2, 1.0))
     """
-    # What follows loads numba or SciPy's triangulations, which other questions do not need.
+    # Imported where they are needed: one loads numba, the other SciPy's triangulations.
     from topokit.core.blocks.curve import euler_curve as curve_of_field
-    from topokit.core.cloud.solid.union_curve import union_curve
 
     if shape.field is not None:
         curve = curve_of_field(shape.field.gray_values()[0], shape.field.connectivity)
     elif shape.mesh is not None:
         curve = replace(curve_of_field(_depth(shape, resolution)), over="distance inside the surface")
     else:
+        from topokit.core.cloud.solid.union_curve import union_curve
+
         curve = union_curve(sample_points(shape, "the curve is that"))
     return curve if levels is None else curve.at(levels)
 

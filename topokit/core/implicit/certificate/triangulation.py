@@ -76,7 +76,9 @@ class Triangulation:
         value = np.where(value == 0, _TINY, value)
         changed = np.nonzero((value != self.value)[self.tetrahedra].any(1))[0]
         gradient, slack = self.gradient.clone(), self.slack.clone()
-        gradient[changed], slack[changed] = linear_gradients(self.vertices, self.scale, value, self.tetrahedra[changed])
+        gradient[changed], slack[changed] = _linear_gradients(
+            self.vertices, self.scale, value, self.tetrahedra[changed]
+        )
         return replace(self, value=value, gradient=gradient, slack=slack)
 
     def surface(self) -> TriangleSurface:
@@ -116,7 +118,7 @@ def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) 
     value[creased] = _means(positions[creased], reach[creased, None] / 2 * scale, values)
     value = np.where((octants < 8) & ((value > 0) != (exact > 0)), exact, value)
     value = np.where(value == 0, _TINY, value)
-    gradient, slack = linear_gradients(vertices, scale, value, tetrahedra)
+    gradient, slack = _linear_gradients(vertices, scale, value, tetrahedra)
     is_sure: Booleans = np.ones(len(exact), dtype=bool)
     is_sure[beside] = np.abs(exact[beside]) > error
     owner = np.concatenate([rows for _, rows in found])
@@ -224,7 +226,7 @@ def _cones(
     return found
 
 
-def linear_gradients(vertices: Integers, scale: Floats, value: Floats, tetrahedra: Integers) -> tuple[Tensor, Tensor]:
+def _linear_gradients(vertices: Integers, scale: Floats, value: Floats, tetrahedra: Integers) -> tuple[Tensor, Tensor]:
     """(T, 3) gradients of linear interpolation, and bounds of their rounding errors.
 
     The edges are small whole numbers times the scale; the three rows of the inverse are cross products, exact in double

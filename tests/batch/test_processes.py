@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -103,3 +104,18 @@ def test_a_script_needs_no_guard() -> None:
     )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=100)
     assert (ran.stdout, ran.stderr) == ("[(0, 'A'), (1, 'B')]\n", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe is another error there")
+def test_a_process_whose_parent_has_ended_says_nothing() -> None:
+    command = [sys.executable, "-c", "from topokit.batch.worker import main; main()"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as worker:
+        assert worker.stdin is not None
+        assert worker.stdout is not None
+        assert worker.stderr is not None
+        worker.stdout.close()
+        worker.stdin.write(pickle.dumps((str.upper, "word")))
+        worker.stdin.flush()
+        assert worker.stderr.read() == b""
+    assert worker.returncode == 1

@@ -48,8 +48,11 @@ def main() -> None:
         except EOFError:
             return
         content = pickle.dumps(function(task))
-        replies.write(len(content).to_bytes(LENGTH_BYTES, "little") + content)
-        replies.flush()
+        try:
+            replies.write(len(content).to_bytes(LENGTH_BYTES, "little") + content)
+            replies.flush()
+        except BrokenPipeError:  # the parent was ended, so nobody reads this or a traceback
+            os._exit(1)
 
 
 def _end_with(replies: BinaryIO, kind: type[BaseException], error: BaseException, where: TracebackType | None) -> None:

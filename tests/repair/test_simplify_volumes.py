@@ -52,7 +52,7 @@ def test_narrow_features_go_by_few_voxels(case: str, connectivity: int) -> None:
 def test_what_is_left_is_what_is_counted_above_the_width() -> None:
     noise = gaussian_filter(np.random.default_rng(0).normal(size=(24, 24, 24)), 1.8)
     shape = tk.from_voxels(noise / noise.std(), level=0.0)
-    features = shape.features(finest=2.0)
+    features = shape.features(above=2.0)
     assert len(features.features) > 5
     for width in (3.0, 4.0, 5.0):
         found = np.array(shape.simplify(below=width).betti().solid)

@@ -45,7 +45,7 @@ REPRESENTATIONS = {
 
 @pytest.mark.parametrize("representation", REPRESENTATIONS)
 def test_every_representation_has_the_same_widths(representation: str) -> None:
-    found = REPRESENTATIONS[representation]().features(finest=0.2)
+    found = REPRESENTATIONS[representation]().features(above=0.2)
     assert sorted(one.kind for one in found.features) == ["part", "tunnel"]
     tunnel = next(one for one in found.features if one.kind == "tunnel")
     assert tunnel.thickness == pytest.approx(2 * MINOR, rel=0.12)

@@ -24,7 +24,7 @@ _ERROR = 0.5  # cells by which the widths of 160 planted features were wrong, 98
 _CELLS = 128  # along the longest side of the first grid, if no width is asked for
 
 
-def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
+def features(shape: Shape, above: float | None = None) -> SolidFeatures:
     """The parts, tunnels and cavities of the solid inside the closed surface, each with its width and place.
 
     The width of a feature is the diameter of the largest ball that moves along it inside the solid, or of the largest
@@ -32,7 +32,7 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
     a grid; in tests with planted features their median error is 2 %. Not differentiable.
 
     Args:
-        finest: width of the narrowest features to look for, in units of length, on a grid with six cells across it, or
+        above: width of the narrowest features to look for, in units of length, on a grid with six cells across it, or
             three if that grid would be too fine. Half the width takes eight times as long. By default, with three
             cells, the report's `resolution`, but at least 2.3 % of the longest side of the surface's box;
             where the answer is counted and there are narrower features, half of that, and so on, down to what the
@@ -42,7 +42,7 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
         `SolidFeatures`: `.features`, narrowest first, and `.above(width)`, which counts those at least so wide.
 
     Raises:
-        InputError: if there is no closed surface (see `surface`), or `finest` is not positive or needs too fine a grid.
+        InputError: if there is no closed surface (see `surface`), or `above` is not positive or needs too fine a grid.
         MissingDependencyError: if cripser is not installed.
 
     Reference:
@@ -62,21 +62,21 @@ def features(shape: Shape, finest: float | None = None) -> SolidFeatures:
     counts = SolidCounts(*report.solid_betti)
     sides = np.ptp(surface.vertices, axis=0)
     smallest = CELLS_PER_WIDTH * smallest_cell(surface)
-    if finest is None:
+    if above is None:
         width = max(report.resolution or 0.0, CELLS_PER_WIDTH * float(sides.max()) / _CELLS)
         found = _features(surface, width, counts)
         while any(found.narrower) and report.resolution is None and width > smallest:
             width = max(width / 2, smallest)
             found = _features(surface, width, counts)
         return found
-    if not finest > 0:
-        raise InputError(f"finest is {finest!r}; a positive width in units of length was expected.")
-    if finest < smallest:
+    if not above > 0:
+        raise InputError(f"above is {above!r}; a positive width in units of length was expected.")
+    if above < smallest:
         raise InputError(
-            f"{shape.name}: features {finest:.4g} wide need a grid of more than {MOST_VERTICES:.0e} vertices; ask for "
+            f"{shape.name}: features {above:.4g} wide need a grid of more than {MOST_VERTICES:.0e} vertices; ask for "
             f"those from {smallest:.2g} on."
         )
-    return _features(surface, finest, counts, max(finest / _CELLS_WITHIN, smallest_cell(surface)))
+    return _features(surface, above, counts, max(above / _CELLS_WITHIN, smallest_cell(surface)))
 
 
 def _features(surface: TriangleSurface, finest: float, counts: SolidCounts, cell: float | None = None) -> SolidFeatures:
@@ -117,9 +117,9 @@ def narrow_places(shape: Shape, below: float) -> tuple[NarrowPlace, ...]:
     return surface_places(surface, below)
 
 
-def with_features(report: TopologyReport, shape: Shape, finest: float | None) -> TopologyReport:
+def with_features(report: TopologyReport, shape: Shape, above: float | None) -> TopologyReport:
     """The report with the widths of features; what cannot be measured is told by a sentence."""
     try:
-        return replace(report, features=features(shape, finest))
+        return replace(report, features=features(shape, above))
     except TopokitError as error:
         return replace(report, reasons=(*report.reasons, f"Widths of features were not measured: {error}"))

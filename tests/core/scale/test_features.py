@@ -108,7 +108,7 @@ def test_widths_change_by_no_more_than_the_surface() -> None:
 def test_narrower_features_are_counted_together() -> None:
     found = features_of(hollow(0.6, 0.55), 0.2, SolidCounts(1, 0, 1))  # the wall is thinner than the grid can see
     assert [a + b for a, b in zip(found.above(0.2), found.narrower, strict=True)] == [1, 0, 1]
-    with pytest.raises(InputError, match=r"from a width of 0.2 on.*finest=0.1\)"):
+    with pytest.raises(InputError, match=r"from a width of 0.2 on.*above=0.1\)"):
         found.above(0.1)
 
 

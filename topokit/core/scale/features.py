@@ -116,7 +116,7 @@ class SolidFeatures:
         if not width >= self.finest:
             raise InputError(
                 f"features were looked for from a width of {self.finest:.4g} on, so those above {width:.4g} are not "
-                f"known: ask again for finer ones, shape.features(finest={width:.4g})."
+                f"known: ask again for finer ones, shape.features(above={width:.4g})."
             )
         wide = [one.kind for one in self.features if one.width >= width]
         pieces, tunnels, cavities = map(wide.count, KINDS)

@@ -38,7 +38,7 @@ from topokit.report.verdict import (
     wire_checks,
     without_doubts,
 )
-from topokit.report.wording import plural, position
+from topokit.report.wording import position
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 
@@ -335,9 +335,8 @@ def _where_open(found: Examination) -> tuple[str, ...]:
     corners = (position(corner.tolist(), extent) for corner in (low, high))
     band = min(1.0, boundary.length * float(local.area.mean().sqrt()) / float(local.area.sum()))
     return (
-        f"The surface is not closed: its boundary runs along {plural(len(boundary.curves), 'curve')} of total length "
-        f"{boundary.length:.4g}, between {' and '.join(corners)}; {band:.1%} of the area lies within a sample spacing "
-        "of it.",
+        f"The surface is not closed: the samples end along a total length of {boundary.length:.4g}, between "
+        f"{' and '.join(corners)}; {band:.1%} of the area lies within a sample spacing of their end.",
     )
 
 
@@ -348,8 +347,8 @@ def _where_uncovered(found: Examination) -> tuple[str, ...]:
     low, high = points[torch.from_numpy(covers[0].samples).to(points.device)].aminmax(dim=0)
     extent = float((points.amax(0) - points.amin(0)).max())
     corners = " and ".join(position(corner.tolist(), extent) for corner in (low, high))
+    width = float((high - low).max()) / witness.spacing
     return (
-        f"The surface is not closed: the closed surface that was found has {plural(len(covers), 'patch', 'patches')} "
-        f"without samples; the largest, {float((high - low).max()) / witness.spacing:.0f} sample spacings wide, lies "
+        f"The surface is not closed: the largest patch without samples is {width:.0f} sample spacings wide and lies "
         f"between {corners}, where about {covers[0].missing:.0f} samples are missing.",
     )

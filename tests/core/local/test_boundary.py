@@ -67,7 +67,7 @@ def test_open_surfaces(name: str, with_normals: bool) -> None:
     assert report.genus == shape.genus() == (2 * report.components - loops - euler) // 2 == 0
     assert report.boundary_loops == loops
     assert report.estimate == pytest.approx(euler, abs=0.3)
-    assert any("The surface is not closed: its boundary runs along" in reason for reason in report.reasons)
+    assert any("total length of" in reason for reason in report.reasons)
     assert abs(float(shape.gauss_bonnet()) - euler) < 0.3
 
 
@@ -75,7 +75,7 @@ def test_reports_locate_the_boundary() -> None:
     known = cloud("hemisphere")
     report = tk.from_points(known.points, known.normals).report()
     sentence = next(reason for reason in report.reasons if "not closed" in reason)
-    length = float(sentence.split("of total length ")[1].split(",")[0])
+    length = float(sentence.split("total length of ")[1].split(",")[0])
     assert length == pytest.approx(2 * math.pi, rel=0.05)
     [rim] = tk.from_points(known.points, known.normals).boundaries()
     assert rim.length == pytest.approx(length, rel=1e-3)

@@ -260,9 +260,9 @@ def random_tree(seed: int) -> tuple[Octree, Leaves]:
     return tree, leaves.rows(np.nonzero(generator.random(len(level)) < (0.8 if seed % 2 else 1.0))[0])
 
 
-def _bounded(index: np.ndarray, level: np.ndarray) -> Leaves:
+def _bounded(index: np.ndarray, level: np.ndarray, n_creased: int = 0) -> Leaves:
     one = torch.ones(len(index), 3, dtype=torch.float64)
-    gradient = Zonotopes(one, one[:0], torch.zeros(0, dtype=torch.int64), 0 * one)
+    gradient = Zonotopes(one, one[:n_creased], torch.arange(n_creased), 0 * one)
     return Leaves(index, level, gradient)
 
 
@@ -285,6 +285,35 @@ def test_triangulations_conform(seed: int) -> None:
         at_box = np.isclose(np.abs(mesh.positions), 1).any(1)
         assert ((mesh.octants < 8) | at_box)[np.array(once)].all()
     assert bool(torch.allclose(mesh.gradient, torch.tensor([1.0, 0, 0], dtype=torch.float64), atol=1e-9))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_values_stay_where_no_leaf_was_divided(seed: int) -> None:
+    tree, leaves = random_tree(seed)
+    leaves = _bounded(leaves.index, leaves.level, n_creased=len(leaves.level) // 2)
+    before = triangulate(tree, leaves, tree.values, tree.bounded_values)
+    deepest = np.nonzero(leaves.level == leaves.level.max())[0][:2]
+    while len(deepest):
+        parts = [_bounded(children(leaves.index[[k]])[:6], np.full(6, leaves.level[k] + 1)) for k in deepest]
+        kept = np.delete(np.arange(len(leaves.level)), deepest)
+        leaves = Leaves.joined([leaves.rows(kept), *parts])
+        deepest = unbalanced(leaves)
+    asked: list[int] = []
+
+    def counted(points: np.ndarray) -> np.ndarray:
+        asked.append(len(points))
+        return tree.values(points)
+
+    whole = triangulate(tree, leaves, tree.values, tree.bounded_values)
+    part = triangulate(tree, leaves, counted, tree.bounded_values, before)
+    for name in ("vertices", "octants", "is_sure", "is_free", "reach", "tetrahedra", "owner"):
+        assert np.array_equal(getattr(part, name), getattr(whole, name)), name
+    np.testing.assert_allclose(part.value, whole.value, rtol=0, atol=1e-15)
+    assert bool(torch.allclose(part.gradient, whole.gradient, atol=1e-9))
+    assert whole.is_new.all()
+    assert 0 < part.is_new.sum() == asked[0] < len(part.value) / 2
+    other = triangulate(tree, leaves, tree.values, tree.bounded_values, before.with_values(before.value + 1))
+    np.testing.assert_allclose(other.value - whole.value, np.where(part.is_new, 0, 1), atol=1e-12)
 
 
 def test_conditions_fail_where_values_are_wrong() -> None:

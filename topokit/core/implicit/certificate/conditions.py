@@ -29,7 +29,7 @@ def are_met(leaves: Leaves, mesh: Triangulation, touched: Booleans, rows: Intege
         touched: (n, 3) whether each touches the box's faces across each axis.
         rows: (m,) ascending numbers of those to test.
     """
-    met: Booleans = ~np.isin(rows, mesh.owner[~mesh.is_sure[mesh.tetrahedra].all(1)])
+    met: Booleans = ~np.isin(rows, mesh.owner[mesh.have(~mesh.is_sure)])
     for places in _chunks(len(rows)):
         own = rows[places]
         place = np.full(len(leaves.level), -1)
@@ -87,7 +87,7 @@ def touching(mesh: Triangulation, rows: Integers, n_leaves: int) -> tuple[Intege
     own = np.nonzero(place[mesh.owner] >= 0)[0]
     is_near = np.zeros(len(mesh.value), dtype=bool)
     is_near[mesh.tetrahedra[own]] = True
-    near = np.nonzero(is_near[mesh.tetrahedra].any(1))[0]
+    near = np.nonzero(mesh.have(is_near))[0]
     of_leaf = _incidence(place[mesh.owner[own]], mesh.tetrahedra[own], (len(rows), len(is_near)))
     of_near = _incidence(np.arange(len(near)), mesh.tetrahedra[near], (len(near), len(is_near)))
     cell, number = (of_leaf @ of_near.T).nonzero()

@@ -96,7 +96,7 @@ def prove(program: Program, low: Corner, high: Corner, effort: Effort) -> Proof:
     started = time.monotonic()
     tree = Octree(program.without_end(), low, high, effort)
     leaves = tree.start()
-    mesh = None
+    mesh, is_met = None, np.zeros(len(leaves.level), dtype=bool)
     while not tree.open:
         chosen = unbalanced(leaves)
         if not len(chosen):
@@ -104,11 +104,14 @@ def prove(program: Program, low: Corner, high: Corner, effort: Effort) -> Proof:
             if tree.is_over():
                 tree.open = [(leaves.index[leaves.level == k], k) for k in np.unique(leaves.level).tolist()]
                 break
-            mesh, is_met = _relaxed(tree, leaves, triangulate(tree, leaves, tree.values, tree.bounded_values))
+            mesh = triangulate(tree, leaves, tree.values, tree.bounded_values, mesh)
+            mesh, is_met = _tested(tree, leaves, mesh, is_met)
             chosen = np.nonzero(~is_met)[0]
             if not len(chosen):
                 break
         leaves = _divided(tree, leaves, chosen)
+        is_met = np.delete(is_met, chosen)
+        is_met = np.concatenate((is_met, np.zeros(len(leaves.level) - len(is_met), dtype=bool)))
     places, n_open = _places(tree)
     surface = None if mesh is None or n_open else mesh.surface()
     reached = _reached(tree, surface)
@@ -145,10 +148,22 @@ def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
     return Leaves.joined(parts)
 
 
-def _relaxed(tree: Octree, leaves: Leaves, mesh: Triangulation) -> tuple[Triangulation, Booleans]:
-    """The triangulation with values relaxed where the conditions fail, and (n,) whether leaves satisfy them."""
+def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans) -> tuple[Triangulation, Booleans]:
+    """The triangulation with values relaxed where the conditions fail, and (n,) whether leaves satisfy them.
+
+    Args:
+        tree: of the leaves.
+        leaves: n.
+        mesh: their triangulation.
+        is_met: (n,) which of them satisfied the conditions in the triangulation before. They are tested again where it
+            changed, and once more when all seem to satisfy them: the proof rests on one test of all.
+    """
     touched = tree.touched(leaves.index, leaves.level)
-    is_met = are_met(leaves, mesh, touched, np.arange(len(leaves.level)))
+    is_changed = mesh.is_new.copy()
+    is_changed[mesh.tetrahedra[~is_met[mesh.owner]]] = True
+    near = leaves_near(mesh, np.nonzero(is_changed)[0])
+    is_first, is_met = not is_met.any(), is_met.copy()
+    is_met[near] = are_met(leaves, mesh, touched, near)
     bent: Booleans = np.zeros(len(is_met), dtype=bool)
     for _ in range(_ROUNDS):
         fails = ~is_met & ~touched.any(1)
@@ -158,6 +173,8 @@ def _relaxed(tree: Octree, leaves: Leaves, mesh: Triangulation) -> tuple[Triangu
         before, mesh = mesh, relaxed(leaves, mesh, np.nonzero(bent)[0])
         near = leaves_near(mesh, np.nonzero(mesh.value != before.value)[0])
         is_met[near] = are_met(leaves, mesh, touched, near)
+    if is_met.all() and not is_first:
+        is_met = are_met(leaves, mesh, touched, np.arange(len(is_met)))
     return mesh, is_met
 
 

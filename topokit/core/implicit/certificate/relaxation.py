@@ -82,8 +82,8 @@ def leaves_near(mesh: Triangulation, vertices: Integers) -> Integers:
     """Leaves (ascending numbers) that touch a tetrahedron with one of the vertices."""
     is_near = np.zeros(len(mesh.value), dtype=bool)
     is_near[vertices] = True
-    is_near[mesh.tetrahedra[is_near[mesh.tetrahedra].any(1)]] = True
-    return np.unique(mesh.owner[is_near[mesh.tetrahedra].any(1)])
+    is_near[mesh.tetrahedra[mesh.have(is_near)]] = True
+    return np.unique(mesh.owner[mesh.have(is_near)])
 
 
 def _hats(corners: Floats) -> Floats:

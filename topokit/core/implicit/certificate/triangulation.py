@@ -53,6 +53,8 @@ class Triangulation:
         octants: (V,) eighths of the box around a vertex that leaves cover: fewer than 8 beside empty cells.
         is_sure: (V,) whether the value has the function's sign as far as it must: beside empty cells.
         is_free: (V,) whether other values serve: inside of the box. Beside empty cells they must have the same sign.
+        reach: (V,) sides of the boxes over which values are means, in the same halves; 0 for values at the points.
+        is_new: (V,) whether the value is not that of the triangulation before.
         tetrahedra: (T, 4) vertices.
         owner: (T,) the leaf of each.
         gradient: (T, 3) of the interpolated values, which are linear in a tetrahedron.
@@ -66,6 +68,8 @@ class Triangulation:
     octants: Integers
     is_sure: Booleans
     is_free: Booleans
+    reach: Integers
+    is_new: Booleans
     tetrahedra: Integers
     owner: Integers
     gradient: Tensor
@@ -74,19 +78,27 @@ class Triangulation:
     def with_values(self, value: Floats) -> Triangulation:
         """The same tetrahedra with other values (V,)."""
         value = np.where(value == 0, _TINY, value)
-        changed = np.nonzero((value != self.value)[self.tetrahedra].any(1))[0]
+        changed = np.nonzero(self.have(value != self.value))[0]
         gradient, slack = self.gradient.clone(), self.slack.clone()
         gradient[changed], slack[changed] = _linear_gradients(
             self.vertices, self.scale, value, self.tetrahedra[changed]
         )
         return replace(self, value=value, gradient=gradient, slack=slack)
 
+    def have(self, chosen: Booleans) -> Booleans:
+        """(T,) whether tetrahedra have any of the chosen (V,) vertices."""
+        a, b, c, d = self.tetrahedra.T
+        found: Booleans = chosen[a] | chosen[b] | chosen[c] | chosen[d]
+        return found
+
     def surface(self) -> TriangleSurface:
         """The zero set of the interpolated values."""
         return _zero_set(self.positions, self.value, self.tetrahedra)
 
 
-def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) -> Triangulation:
+def triangulate(
+    tree: Octree, leaves: Leaves, values: Values, bounded: Bounded, before: Triangulation | None = None
+) -> Triangulation:
     """The triangulation of leaves.
 
     Args:
@@ -94,6 +106,7 @@ def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) 
         leaves: balanced (see `cells.unbalanced`).
         values: the function at points, about.
         bounded: the same with bounds of the errors, used beside empty cells.
+        before: that before some leaves were divided; vertices around which nothing changed keep its values.
     """
     size = _UNIT >> leaves.level
     corner = leaves.index * size[:, None]
@@ -107,25 +120,47 @@ def triangulate(tree: Octree, leaves: Leaves, values: Values, bounded: Bounded) 
     vertices, tetrahedra = points[first], vertex.reshape(-1, 4)
     scale = tree.side / (tree.root * float(_UNIT))
     positions = tree.low + vertices * scale
-    exact = values(positions)
     octants, reach = _around(leaves, size, codes, shares)
     at_box = (vertices == 0) | (vertices == tree.root * _UNIT)
     octants <<= at_box.sum(1)  # beyond the box there is nothing to cover
+    reach[at_box.any(1)] = 0
+    value, is_sure = np.zeros(len(codes)), np.ones(len(codes), dtype=bool)
+    is_new: Booleans = np.ones(len(codes), dtype=bool)
+    if before is not None:
+        here, there = _unchanged(before, codes, octants, reach)
+        value[here], is_sure[here], is_new[here] = before.value[there], before.is_sure[there], False
+    new = np.nonzero(is_new)[0]
+    value[new], is_sure[new] = _valued(positions[new], octants[new], reach[new, None] / 2 * scale, values, bounded)
+    gradient, slack = _linear_gradients(vertices, scale, value, tetrahedra)
+    return Triangulation(
+        *(vertices, scale, positions, value, octants, is_sure, ~at_box.any(1), reach, is_new),
+        *(tetrahedra, np.concatenate([rows for _, rows in found]), gradient, slack),
+    )
+
+
+def _unchanged(before: Triangulation, codes: Integers, octants: Integers, reach: Integers) -> tuple[Integers, Integers]:
+    """Vertices around which nothing changed: their numbers (m,), and those they had before."""
+    old = code(before.vertices)
+    place = np.searchsorted(old, codes).clip(max=len(old) - 1)
+    is_same = (old[place] == codes) & (before.octants[place] == octants) & (before.reach[place] == reach)
+    here = np.nonzero(is_same)[0]
+    return here, place[here]
+
+
+def _valued(
+    positions: Floats, octants: Integers, reach: Floats, values: Values, bounded: Bounded
+) -> tuple[Floats, Booleans]:
+    """(n,) values at vertices, means over boxes that reach (n, 3), and (n,) whether they have the sign they need."""
+    exact = values(positions)
     beside = np.nonzero(octants < 8)[0]
     exact[beside], error = bounded(positions[beside])
     value = exact.copy()
-    creased = np.nonzero((reach > 0) & ~at_box.any(1))[0]
-    value[creased] = _means(positions[creased], reach[creased, None] / 2 * scale, values)
+    creased = np.nonzero(reach.any(1))[0]
+    value[creased] = _means(positions[creased], reach[creased], values)
     value = np.where((octants < 8) & ((value > 0) != (exact > 0)), exact, value)
-    value = np.where(value == 0, _TINY, value)
-    gradient, slack = _linear_gradients(vertices, scale, value, tetrahedra)
     is_sure: Booleans = np.ones(len(exact), dtype=bool)
     is_sure[beside] = np.abs(exact[beside]) > error
-    owner = np.concatenate([rows for _, rows in found])
-    is_free = ~at_box.any(1)
-    return Triangulation(
-        vertices, scale, positions, value, octants, is_sure, is_free, tetrahedra, owner, gradient, slack
-    )
+    return np.where(value == 0, _TINY, value), is_sure
 
 
 class _Share(NamedTuple):

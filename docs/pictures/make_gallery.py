@@ -1,10 +1,14 @@
 """Make docs/gallery.md and its pictures: shapes of every kind, each with the first line of its report.
 
-python docs/pictures/make_gallery.py
+python docs/pictures/make_gallery.py [CAPTURE]
+
+CAPTURE is the splat scene of the last picture (`CREDIT` says which), which is not part of this repository. Without it the
+page has no such picture.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +21,9 @@ from topokit.testing import genus_mesh, linked_tori_mesh, torus_samples
 
 HERE = Path(__file__).parent
 SIDE = 360
+CREDIT = (
+    "The scene is PLAYBOT by Stephane Agullo, from superspl.at (ee6d8bc4), CC BY 4.0; the picture was made from it."
+)
 HEAD = """\
 # Gallery
 
@@ -29,17 +36,23 @@ CPU, without a display.
 def main() -> None:
     """Draw every shape and write the page."""
     parts = [HEAD]
-    for name, says, shape, eye in shapes():
+    for name, says, shape, eye in shapes(*sys.argv[1:]):
         picture = HERE / f"gallery-{name}.webp"
         shape.picture(SIDE, eye=eye).save(picture, quality=80)
         line = str(shape.replace(name=says).report()).splitlines()[0]
         print(line)
         parts.append(f"![{says}](pictures/{picture.name})\n\n{line}\n")
+        if name == "capture":
+            parts.append(f"{CREDIT}\n")
     (HERE.parent / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
 
 
-def shapes() -> Iterator[tuple[str, str, tk.Shape, tuple[float, float, float]]]:
-    """Name, what it is, shape and the direction to the eye."""
+def shapes(capture: str | None = None) -> Iterator[tuple[str, str, tk.Shape, tuple[float, float, float]]]:
+    """Name, what it is, shape and the direction to the eye.
+
+    Args:
+        capture: path of a splat scene.
+    """
     yield "genus5", "A mesh with five holes", tk.from_mesh(genus_mesh(5, resolution=32)), (0.5, -0.9, 1.3)
     yield "linked", "Two linked tori", tk.from_mesh(linked_tori_mesh(120, 60)), (0.6, -1.2, 0.9)
     sheet = tk.from_sdf(gyroid, resolution=128, field_resolution=128)
@@ -49,6 +62,8 @@ def shapes() -> Iterator[tuple[str, str, tk.Shape, tuple[float, float, float]]]:
     yield "volume", "A volume: two balls, joined by three bars", tk.from_voxels(dumbbell(), level=0.0), (0.6, -1.4, 0.8)
     splats = tk.from_splats(ring_of_splats(), n_samples=6_000)  # one sample for each splat
     yield "splats", "A ring of 6 000 Gaussian splats", splats, (0.4, -1.0, 1.1)
+    if capture is not None:
+        yield "capture", "The object in a scene of 31 000 splats", tk.load(capture, object=True), (0.9, -0.5, 1.3)
 
 
 def ring_of_splats() -> tk.GaussianSplats:

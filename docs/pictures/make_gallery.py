@@ -2,8 +2,8 @@
 
 python docs/pictures/make_gallery.py [CAPTURE]
 
-CAPTURE is the splat scene of the last picture (`CREDIT` says which); it is not part of this repository. Without it there
-is no such picture.
+CAPTURE is the splat scene of the last picture (`CREDIT` says which); it is not part of this repository. Without it
+there is no such picture.
 """
 
 from __future__ import annotations
@@ -21,9 +21,7 @@ from topokit.testing import genus_mesh, linked_tori_mesh, torus_samples
 
 HERE = Path(__file__).parent
 SIDE = 360
-CREDIT = (
-    "The scene is PLAYBOT by Stephane Agullo, from superspl.at (ee6d8bc4), CC BY 4.0; the picture is ours."
-)
+CREDIT = "The scene is PLAYBOT by Stephane Agullo, from superspl.at (ee6d8bc4), CC BY 4.0; the picture is ours."
 HEAD = """\
 # Gallery
 

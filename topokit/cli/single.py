@@ -239,7 +239,7 @@ def curve(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Plot to write (.png, .svg or .pdf); needs matplotlib.")
     ] = None,
-    n_levels: Annotated[int, typer.Option("--levels", min=0, help="Levels, evenly spaced; 0 for all changes.")] = 64,
+    n_levels: Annotated[int, typer.Option("--levels", min=0, help="Levels, at most; 0 for all changes.")] = 64,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object of lists.")] = False,
 ) -> None:
     """Which threshold: one line per level with χ of the solid, pieces, tunnels and cavities (tabs).
@@ -249,10 +249,11 @@ def curve(
     opener = given.opener()
 
     def answer(shape: Shape, *_: object) -> str:
-        whole = shape.euler_curve()
-        if output is not None:
-            from topokit.export.plot import save_plot
+        from topokit.export.plot import MOST_STEPS, save_plot
 
+        most = max(n_levels, 0 if output is None else MOST_STEPS)
+        whole = shape.euler_curve(most if n_levels else None)
+        if output is not None:
             save_plot(whole, output, title=shape.name)
         found = whole.sampled(n_levels) if n_levels else whole
         if as_json:

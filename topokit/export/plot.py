@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from topokit.core.blocks.curve import EulerCurve
 
 SUFFIXES = (".png", ".svg", ".pdf")
-_MOST_STEPS = 5000  # that are drawn one by one
+MOST_STEPS = 5000  # that are drawn one by one
 
 
 def save_plot(curve: EulerCurve, path: str | os.PathLike[str], *, title: str = "") -> None:
@@ -37,7 +37,7 @@ def save_plot(curve: EulerCurve, path: str | os.PathLike[str], *, title: str = "
         raise InputError(f"{target}: the curve has no levels to draw.")
     with requiring('Drawing a plot needs matplotlib: pip install "topokit[plots]".'):
         from matplotlib.figure import Figure
-    curve = curve.sampled(_MOST_STEPS)
+    curve = curve.sampled(MOST_STEPS)
     figure = Figure(figsize=(8, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for number, name in enumerate(("pieces", "tunnels", "cavities")):

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from topokit.shape.shape import Shape
 
 
-def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: int = 128) -> EulerCurve:
+Levels = ArrayLike | int | None
+
+
+def euler_curve(shape: Shape, levels: Levels = None, *, resolution: int = 128) -> EulerCurve:
     """χ and Betti numbers of a shape's solids at every level t.
 
     A volume's solids are {gray values > t}, exact, in the shape's connectivity. The shape's own level makes no
@@ -33,6 +36,9 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: in
 
     Args:
         levels: ascending; None gives all levels at which a number changes, which are many where the field is noise.
+            A number gives at most so many of these, as evenly spaced as they are. Volumes that are counted block by
+            block have all levels only if they hold whole numbers of 8 or 16 bits; otherwise a number gives levels
+            between the lowest and the highest value, and None is an error.
         resolution: of a mesh, cells along the longest side of its box.
 
     Returns:
@@ -41,7 +47,7 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: in
 
     Raises:
         InputError: if levels are not ascending, a mesh has no closed surface or is thinner than a cell, fewer than 5
-            samples are distinct, or a volume is periodic or counted block by block.
+            samples are distinct, a volume is periodic, or levels are needed.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -54,6 +60,10 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: in
     # Imported where they are needed: one loads numba, the other SciPy's triangulations.
     from topokit.core.blocks.curve import euler_curve as curve_of_field
 
+    if isinstance(levels, int) and levels < 1:
+        raise InputError(f"levels is {levels}; expected a positive number of levels, or an ascending row of them.")
+    if shape._curve is not None:
+        return shape._curve(levels)
     if shape.field is not None:
         curve = curve_of_field(shape.field.gray_values()[0], shape.field.connectivity)
     elif shape.mesh is not None:
@@ -62,7 +72,9 @@ def euler_curve(shape: Shape, levels: ArrayLike | None = None, *, resolution: in
         from topokit.core.cloud.solid.union_curve import union_curve
 
         curve = union_curve(sample_points(shape, "the curve is that"))
-    return curve if levels is None else curve.at(levels)
+    if levels is None:
+        return curve
+    return curve.sampled(levels) if isinstance(levels, int) else curve.at(levels)
 
 
 def _depth(shape: Shape, resolution: int) -> NDArray[np.float32]:

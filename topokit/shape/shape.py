@@ -28,7 +28,7 @@ from topokit.shape.certified import Bounded, certified_report, certify
 from topokit.shape.compare import compare
 from topokit.shape.details import with_details
 from topokit.shape.features import features, narrow_places, with_features
-from topokit.shape.levels import euler_curve
+from topokit.shape.levels import Levels, euler_curve
 from topokit.shape.locate import handles, with_location
 from topokit.shape.measurements import GivenAnswer, GivenSamples, Measurements
 from topokit.shape.mending import enforce, fill_boundaries, goal, save, simplify
@@ -38,6 +38,8 @@ from topokit.text import no_attribute
 
 if TYPE_CHECKING:
     import trimesh
+
+    from topokit.core.blocks.curve import EulerCurve
 
 
 UNNAMED = "shape"
@@ -58,6 +60,7 @@ class Shape:
             witness.
         defects: finds faults; gets whether to look for self-intersections, too.
         bounded: proves the topology of a function's level set by bounds.
+        curve: counts the solids over all levels, given the levels of `euler_curve`, if the shape has no field.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -67,7 +70,8 @@ class Shape:
         simplification: what `simplify` did, if the shape is its result.
         advice: what to change in the call that made the shape if its samples give no sure answer.
 
-    All but `surface`, `defects` and `bounded` are attributes, too; what functions make is made when it is needed.
+    All but `surface`, `defects`, `bounded` and `curve` are attributes, too; what functions make is made when it is
+    needed.
     """
 
     field: Field | None
@@ -81,6 +85,7 @@ class Shape:
     _make_surface: Callable[[], TriangleSurface] | None
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
     _bounded: Bounded | None
+    _curve: Callable[[Levels], EulerCurve] | None
 
     def __init__(
         self,
@@ -90,6 +95,7 @@ class Shape:
         surface: Callable[[], TriangleSurface] | None = None,
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
         bounded: Bounded | None = None,
+        curve: Callable[[Levels], EulerCurve] | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
@@ -112,6 +118,7 @@ class Shape:
             _make_surface=surface,
             _find_defects=defects,
             _bounded=bounded,
+            _curve=curve,
         )
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -182,6 +189,7 @@ class Shape:
             surface=self._make_surface,
             defects=self._find_defects,
             bounded=self._bounded,
+            curve=self._curve,
             field=self.field,
             mesh=mesh,
             name=self.name,

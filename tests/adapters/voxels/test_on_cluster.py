@@ -48,6 +48,15 @@ def test_workers_count_what_memory_counts(dask_client: Any, tmp_path: Path) -> N
         assert found.per_component == expected.per_component
 
 
+def test_workers_count_the_curve_in_memory(dask_client: Any) -> None:
+    values = np.random.default_rng(1).random((12, 20, 15))
+    levels = [0.2, 0.5, 0.7]
+    expected = tk.from_voxels(values, level=0.5).euler_curve(levels)
+    shape = tk.from_voxels(values, level=0.5, block_voxels=600, client=dask_client)
+    assert shape.euler_curve(levels).betti.tolist() == expected.betti.tolist()
+    assert len(shape.euler_curve(4).levels) == 4
+
+
 def test_a_dask_array_goes_to_the_active_client(dask_client: Any) -> None:
     assert active_client() is dask_client
     assert dask_client.submit(lambda: active_client() is None).result()  # a worker does not wait for others

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks
+from topokit.adapters.voxels.levels import curve_in_blocks
 from topokit.adapters.voxels.stored import DaskVolume, Entry, PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
@@ -119,14 +120,15 @@ def shape_in_blocks(blocks: Blocks, placement: Placement, grid: Grid, solid: Sol
 
     def refuse() -> Any:
         raise NoSamplesError(
-            f"{volume.name} is counted block by block, so it has a report, but no samples and no surface. Open a "
-            "part of it in memory: from_voxels(volume[:256, :256, :256])."
+            f"{volume.name} is counted block by block, so it has a report and a curve, but no samples and no surface. "
+            "Open a part of it in memory: from_voxels(volume[:256, :256, :256])."
         )
 
     return Shape(
         refuse,
         lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client),
         surface=refuse,
+        curve=lambda levels: curve_in_blocks(volume, blocks.division, solid, blocks.client, levels),
         name=volume.name,
         n_neighbors=n_neighbors,
     )

@@ -13,6 +13,7 @@ References:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +25,7 @@ from topokit.core.arrays import Floats, Integers
 from topokit.core.blocks.links import (
     BITS_OF_SOLID,
     IS_BIRTH,
-    IS_SADDLE,
+    IS_EVENT,
     classify,
     count_merges,
     entered_before,
@@ -33,7 +34,7 @@ from topokit.core.blocks.links import (
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.errors import InputError
 
-_MOST_DIRECT = 1 << 16  # whole numbers in a range up to here are tallied in a table
+MOST_RANKS = 1 << 16  # whole numbers in a range up to here are tallied in a table
 _MOST_VOXELS = np.iinfo(np.int32).max - 1
 _PLACES = 1 << 16  # masks whose class is kept at hand
 _TYPES = ("u1", "i4", "i8", "f4", "f8")  # for which loops are compiled
@@ -63,19 +64,19 @@ class EulerCurve:
         Raises:
             InputError: if the levels are no ascending row of numbers.
         """
-        wanted = np.asarray(levels, dtype=float)
-        if wanted.ndim != 1 or not (np.diff(wanted) > 0).all() or np.isnan(wanted).any():
-            raise InputError(f"levels must be an ascending row of numbers, got {levels!r}.")
+        wanted = as_levels(levels)
         rows = np.concatenate((self.lowest[None], np.column_stack((self.euler, self.betti))))
         found = rows[np.searchsorted(self.levels, wanted, side="right")]
         return EulerCurve(wanted, found[:, 0], found[:, 1:], self.lowest, self.over)
 
     def sampled(self, most: int) -> EulerCurve:
-        """The curve at so many evenly spaced levels, or itself if it has no more."""
-        if len(self.levels) <= most:
+        """The curve at no more of its levels than that, spaced as evenly as they allow."""
+        finite = np.flatnonzero(np.isfinite(self.levels))
+        if len(self.levels) <= most or not len(finite):
             return self
-        finite = self.levels[np.isfinite(self.levels)]
-        return self.at(np.linspace(finite[0], finite[-1], most))
+        wanted = np.linspace(self.levels[finite[0]], self.levels[finite[-1]], most)
+        rows = np.unique(np.searchsorted(self.levels, wanted, side="right") - 1)
+        return EulerCurve(self.levels[rows], self.euler[rows], self.betti[rows], self.lowest, self.over)
 
     def range_of(self, level: float) -> tuple[float, float]:
         """The levels around a level at which all numbers are the same: from the first value up to the second.
@@ -90,6 +91,18 @@ class EulerCurve:
         """What the levels are; levels, χ and Betti numbers as lists, ready for JSON."""
         numbers = {"levels": self.levels.tolist(), "euler": self.euler.tolist(), "betti": self.betti.tolist()}
         return {"over": self.over} | numbers
+
+
+def as_levels(levels: ArrayLike) -> Floats:
+    """Levels as an array.
+
+    Raises:
+        InputError: if they are no ascending row of numbers.
+    """
+    wanted = np.asarray(levels, dtype=float)
+    if wanted.ndim != 1 or not (np.diff(wanted) > 0).all() or np.isnan(wanted).any():
+        raise InputError(f"levels must be an ascending row of numbers, got {levels!r}.")
+    return wanted
 
 
 def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY) -> EulerCurve:
@@ -116,78 +129,132 @@ def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIV
     values = _comparable(field)
     if values.ndim != 3 or not 0 < values.size <= _MOST_VOXELS:
         raise InputError(f"a curve needs a field (X, Y, Z) with at most 2³¹ voxels, got {values.shape}.")
-    solid_is_six = check_connectivity(connectivity) == 6
-    tally, phases = _Tally(values), (_Phase(values, solid_is_six, False), _Phase(values, not solid_is_six, True))
-    masks, classes = np.empty(values.shape[1:], np.int32), np.empty(values.shape[1:], np.int32)
-    known, results = np.full(_PLACES, -1, np.int32), np.empty(_PLACES, np.int32)
-    for x, layer in enumerate(values):
-        entered_before(values, x, masks)
-        classify(masks, solid_is_six, known, results, classes)
+    is_whole = values.dtype.kind != "f"
+    tally = Tally(int(values.min()), int(values.max())) if is_whole else Tally(0, MOST_RANKS)
+    tally_changes(values, check_connectivity(connectivity) == 6, 0, tally)
+    return tally.curve()
+
+
+def tally_changes(
+    values: NDArray[Any], solid_is_six: bool, open_faces: int, tally: Tally
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Add all changes in a volume to a tally, as far as they do not depend on what is beyond its open faces.
+
+    Args:
+        values: (X, Y, Z), contiguous, of a type for which loops are compiled, without NaN.
+        solid_is_six: whether the solid is 6-connected; else the background is.
+        open_faces: see `links`.
+        tally: of the volume.
+
+    Returns:
+        For the solid and for the background: (L, 3) indices of two voxels at open faces that are joined, and of a third
+        one, with whose value they are. The index after the last one is the outside.
+    """
+    phases = [_Phase(values, solid_is_six, open_faces, False), _Phase(values, not solid_is_six, open_faces, True)]
+    for x, masks, classes in _layers(values, solid_is_six, open_faces):
         for phase in phases:
             phase.add(x, masks, classes)
-        where = np.flatnonzero(classes >> 2 * BITS_OF_SOLID)
-        tally.add(0, layer.reshape(-1)[where], classes.reshape(-1)[where] >> 2 * BITS_OF_SOLID)
+        _tally_euler(values[x], classes, tally, 1)
+    links = []
     for column, phase in enumerate(phases, start=1):
-        voxels, changes = phase.changes()
+        voxels, changes, found = phase.changes()
         tally.add(column, values.reshape(-1)[voxels], -changes if phase.of_background else changes)
-    return tally.curve()
+        links.append(found)
+    return links[0], links[1]
+
+
+def tally_euler(values: NDArray[Any], solid_is_six: bool, open_faces: int, tally: Tally, sign: int) -> None:
+    """Add the changes of χ alone, or take them away; arguments are those of `tally_changes`."""
+    for x, _, classes in _layers(values, solid_is_six, open_faces):
+        _tally_euler(values[x], classes, tally, sign)
+
+
+def _tally_euler(layer: NDArray[Any], classes: NDArray[np.int32], tally: Tally, sign: int) -> None:
+    where = np.flatnonzero(classes >> 2 * BITS_OF_SOLID)
+    tally.add(0, layer.reshape(-1)[where], sign * (classes.reshape(-1)[where] >> 2 * BITS_OF_SOLID))
+
+
+def _layers(
+    values: NDArray[Any], solid_is_six: bool, open_faces: int
+) -> Iterator[tuple[int, NDArray[np.int32], NDArray[np.int32]]]:
+    """The number of each layer, the masks of its voxels and their classes, which are overwritten by the next ones."""
+    masks, classes = np.empty(values.shape[1:], np.int32), np.empty(values.shape[1:], np.int32)
+    known = np.full(_PLACES, -1, np.int64)
+    for x in range(len(values)):
+        entered_before(values, x, masks)
+        classify(masks, x, values.shape, open_faces, solid_is_six, known, classes)
+        yield x, masks, classes
 
 
 class _Phase:
     """The solid or the background: where regions begin and where they may join."""
 
-    def __init__(self, values: NDArray[Any], is_six: bool, of_background: bool) -> None:
-        self._values, self._is_six, self.of_background = values, is_six, of_background
+    def __init__(self, values: NDArray[Any], is_six: bool, open_faces: int, of_background: bool) -> None:
+        self._values, self._is_six, self._open_faces, self.of_background = values, is_six, open_faces, of_background
         self._parents = np.empty(values.size + 1, np.int32)
         self._parents[-1] = values.size
         self._births: list[Integers] = []
-        self._saddles: list[Integers] = []
+        self._events: list[Integers] = []
         self._masks: list[NDArray[np.int32]] = []
 
     def add(self, x: int, masks: NDArray[np.int32], classes: NDArray[np.int32]) -> None:
         """Take the next layer."""
-        link_layer(classes, x, len(self._values), self.of_background, self._parents)
-        found = classes.reshape(-1) >> (BITS_OF_SOLID if self.of_background else 0) & (IS_BIRTH | IS_SADDLE)
+        link_layer(classes, x, self._values.shape, self._open_faces, self.of_background, self._parents)
+        found = classes.reshape(-1) >> (BITS_OF_SOLID if self.of_background else 0) & (IS_BIRTH | IS_EVENT)
         where = np.flatnonzero(found)
-        births, saddles = where[found[where] == IS_BIRTH], where[found[where] == IS_SADDLE]
+        births, events = where[found[where] & IS_BIRTH > 0], where[found[where] & IS_EVENT > 0]
         self._births.append(births + x * masks.size)
-        self._saddles.append(saddles + x * masks.size)
-        self._masks.append(masks.reshape(-1)[saddles])
+        self._events.append(events + x * masks.size)
+        self._masks.append(masks.reshape(-1)[events])
 
-    def changes(self) -> tuple[Integers, Integers]:
-        """The voxels at which the number of regions changes as they come into the phase, and by how much."""
-        births, saddles, masks = (
+    def changes(self) -> tuple[Integers, Integers, NDArray[np.int32]]:
+        """The voxels at which the number of regions changes as they come into the phase, by how much, and links."""
+        births, events, masks = (
             np.concatenate(self._births),
-            np.concatenate(self._saddles),
+            np.concatenate(self._events),
             np.concatenate(self._masks),
         )
-        rising = len(saddles) - 1 - np.argsort(self._values.reshape(-1)[saddles[::-1]], kind="stable")
+        rising = len(events) - 1 - _stable_order(self._values.reshape(-1)[events[::-1]])
         order = rising if self.of_background else rising[::-1]
-        voxels, merges = saddles[order], np.zeros(len(saddles), np.int8)
-        count_merges(voxels, masks[order], self._values.shape, self._is_six, self.of_background, self._parents, merges)
-        return np.concatenate((births, voxels)), np.concatenate((np.ones(len(births), np.int64), -merges))
+        voxels, merges = events[order], np.zeros(len(events), np.int8)
+        links = np.empty((len(events) if self._open_faces else 0, 3), np.int32)
+        n_links = count_merges(
+            *(voxels, masks[order], self._values.shape, self._open_faces, self._is_six, self.of_background),
+            *(self._parents, links, merges),
+        )
+        links = links[:n_links]
+        links[:, 2] = voxels[links[:, 2]]
+        return np.concatenate((births, voxels)), np.concatenate((np.ones(len(births), np.int64), -merges)), links
 
 
-class _Tally:
+class Tally:
     """Changes of χ, β₀ and β₂ as voxels enter the solid, by their values."""
 
-    def __init__(self, values: NDArray[Any]) -> None:
-        is_whole = values.dtype.kind != "f"
-        self._low, high = (int(values.min()), int(values.max())) if is_whole else (0, _MOST_DIRECT)
-        self._table = np.zeros((high - self._low + 1, 3), np.int64) if high - self._low < _MOST_DIRECT else None
+    def __init__(self, low: int, high: int) -> None:
+        """Args: bounds of the values; so far apart that there is no table for them if they are no whole numbers."""
+        self._low = low
+        self.table = np.zeros((high - low + 1, 3), np.int64) if high - low < MOST_RANKS else None
         self._found: tuple[list[tuple[NDArray[Any], NDArray[Any]]], ...] = ([], [], [])
+
+    def __add__(self, other: Tally) -> Tally:
+        """The changes of both, whose values have the same bounds and are in tables."""
+        if self.table is None or other.table is None:
+            raise AssertionError("a list of changes is to be added to another one")
+        found = Tally(self._low, self._low + len(self.table) - 1)
+        found.table = self.table + other.table
+        return found
 
     def add(self, column: int, values: NDArray[Any], changes: NDArray[Any]) -> None:
         """Add changes at voxels with these values."""
-        if self._table is None:
+        if self.table is None:
             self._found[column].append((values, changes.astype(np.int8)))
         else:
             place = values.astype(np.int64) - self._low
-            self._table[:, column] += np.bincount(place, changes, len(self._table)).astype(np.int64)
+            self.table[:, column] += np.bincount(place, changes, len(self.table)).astype(np.int64)
 
     def curve(self) -> EulerCurve:
         """The sums over voxels above each level, at those levels at which one changes."""
-        levels, sums = self._listed() if self._table is None else self._tabulated(self._table)
+        levels, sums = self._listed() if self.table is None else self._tabulated(self.table)
         euler, pieces, cavities = np.concatenate((sums, np.zeros((1, 3), np.int64))).T  # row i holds below levels[i]
         rows = np.column_stack((euler, pieces, pieces + cavities - euler, cavities))
         kept = np.append((rows[1:] != rows[:-1]).any(axis=1) & (levels > -np.inf), True)  # −∞ and NaN are in no solid
@@ -198,15 +265,28 @@ class _Tally:
         return np.arange(len(table)) + self._low, np.cumsum(table[::-1], axis=0)[::-1]
 
     def _listed(self) -> tuple[NDArray[Any], Integers]:
-        columns = [map(np.concatenate, zip(*found, strict=True)) for found in self._found]
-        pairs = [(values, changes) for values, changes in columns]
-        levels = np.unique(np.concatenate([values for values, _ in pairs]))
-        sums = np.zeros((len(levels), 3), np.int64)
-        for column, (values, changes) in enumerate(pairs):
-            order = np.argsort(values)
-            above = np.append(np.cumsum(changes[order][::-1], dtype=np.int64)[::-1], 0)
-            sums[:, column] = above[np.searchsorted(values[order], levels)]
-        return levels, sums
+        values, changes = (np.concatenate([one[part] for found in self._found for one in found]) for part in range(2))
+        counts = [sum(len(found_values) for found_values, _ in found) for found in self._found]
+        columns, order = np.repeat(np.arange(3, dtype=np.int8), counts), _stable_order(values)
+        values, changes, columns = values[order], changes[order], columns[order]
+        is_last = np.append(values[1:] != values[:-1], True)
+        sums = np.empty((int(is_last.sum()), 3), np.int64)
+        for column in range(3):
+            up_to = np.cumsum(np.where(columns == column, changes, 0), dtype=np.int64)[is_last]
+            sums[:, column] = up_to[-1] - np.concatenate(([0], up_to[:-1]))
+        return values[is_last], sums
+
+
+def _stable_order(values: NDArray[Any]) -> Integers:
+    """The order of values without NaN, equal ones as they come. Words of 64 bits sort fast, so 32 hold the index."""
+    if values.dtype.itemsize != 4:
+        return np.argsort(values, kind="stable")
+    bits = (values + values.dtype.type(0)).view(np.int32)  # −0 becomes 0
+    if values.dtype.kind == "f":
+        bits ^= bits >> 31 & np.iinfo(np.int32).max  # negative numbers ascend as their bits descend
+    keys = (bits.astype(np.int64) << 32) + np.arange(len(bits))
+    keys.sort()
+    return keys & np.iinfo(np.uint32).max
 
 
 def _comparable(field: Tensor | ArrayLike) -> NDArray[Any]:

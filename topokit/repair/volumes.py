@@ -12,10 +12,11 @@ from scipy.ndimage import distance_transform_edt
 from topokit.adapters.voxels.adapter import Sampling, shape_in_memory
 from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.field import VoxelField
-from topokit.core.arrays import Booleans, Floats
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import occupied_box
 from topokit.core.grid.placement import Index, Placement
+from topokit.core.grid.tiles import tiles_of
 from topokit.core.homotopy.simplified import Step, Way, simplified
 from topokit.core.removal import Removal
 from topokit.core.scale.widths import SurfaceWidths
@@ -24,6 +25,7 @@ from topokit.report.simplification import Simplification
 from topokit.shape import Shape
 
 _SAMPLING = Sampling(10_000, 0, None, None)
+_TILE = 16  # voxels along each axis in which the nearest ones are looked for at a time
 _MARGIN = 2  # voxels around the solid in which gaps between parts are closed
 
 
@@ -48,10 +50,10 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
     sides = occupied_box(torch.from_numpy(inside))
     low = np.array([max(start - more, 0) for (start, _), more in zip(sides, margin, strict=True)])
     box = tuple(slice(a, stop + more) for a, (_, stop), more in zip(low, sides, margin, strict=True))
-    balls = SurfaceWidths(field.surface(), spacing)
+    balls = SurfaceWidths(lambda first, end: field.surface_between(first + low, end + low), spacing, below)
     origin = np.asarray(field.grid.origin) + low * spacing
     part, steps = simplified(
-        *(inside[box], _cost(field, box), below, ways, lambda at: balls.at(origin + at * spacing)),
+        *(inside[box], _cost(field, box), below, ways, lambda voxels: balls.at(origin, voxels)),
         *(field.connectivity, spacing),
     )
     if not part.any():
@@ -141,9 +143,25 @@ def first_voxel(placement: Placement, field: VoxelField) -> Index:
 def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, after: Booleans) -> NDArray[Any]:
     """The volume with new values where two solids differ: those of the nearest voxel on the other side."""
     values = volume.copy()
-    for side in (before, ~before):
-        changed = side & (before != after)
-        if changed.any():
-            nearest = distance_transform_edt(side, return_distances=False, return_indices=True)
-            values[changed] = volume[tuple(nearest[:, changed])]
+    voxels = np.argwhere(before != after)
+    for first, rows in tiles_of(voxels, _TILE):
+        for was_inside in (True, False):
+            changed = voxels[rows][before[tuple(voxels[rows].T)] == was_inside]
+            if len(changed):
+                values[tuple(changed.T)] = volume[tuple(_nearest(before, was_inside, first, changed).T)]
     return values
+
+
+def _nearest(inside: Booleans, was_inside: bool, first: Integers, voxels: Integers) -> Integers:
+    """The nearest voxel (N, 3) on the other side of each of some in a tile, which is given by its first one."""
+    margin = 2
+    while True:
+        low = np.maximum(first - margin, 0)
+        part = inside[tuple(slice(a, b) for a, b in zip(low, first + _TILE + margin, strict=True))] == was_inside
+        is_whole = part.shape == inside.shape
+        if is_whole or not part.all():
+            away, nearest = distance_transform_edt(part, return_indices=True)
+            own = tuple((voxels - low).T)
+            if is_whole or away[own].max() <= margin:
+                return np.asarray(nearest[(slice(None), *own)].T + low)
+        margin *= 2

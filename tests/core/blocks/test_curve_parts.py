@@ -85,16 +85,6 @@ def test_floats_need_levels() -> None:
         tk.from_voxels(np.full((4, 4, 4), np.nan), level=0.0, block_voxels=20).euler_curve(5)
 
 
-def test_blocks_and_volumes_that_are_too_large_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    shape = tk.from_voxels(np.ones((8, 8, 8), np.uint8), level=0, block_voxels=64)
-    monkeypatch.setattr("topokit.core.blocks.curve_parts.MOST_VOXELS", 70)
-    with pytest.raises(InputError, match="parts"):
-        shape.euler_curve()
-    monkeypatch.setattr("topokit.core.blocks.curve_parts.MOST_VOXELS", 50)
-    with pytest.raises(InputError, match="64 voxels"):
-        shape.euler_curve()
-
-
 def test_labels_and_few_levels() -> None:
     field = np.random.default_rng(2).integers(0, 5, (6, 7, 5))
     whole, blocks = tk.from_voxels(field, label=(1, 3)), tk.from_voxels(field, label=(1, 3), block_voxels=40)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from functools import reduce
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.core.arrays import Integers
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
@@ -59,6 +61,22 @@ class VoxelField(Field):
     def surface(self) -> TriangleSurface:
         """The closed surface as triangles, in the field's own connectivity."""
         return level_surface(self.detached(), self.grid, self.connectivity)
+
+    def surface_between(self, low: Integers, high: Integers) -> TriangleSurface | None:
+        """The surface in the box of voxels from one index (3,) to before another, closed at its sides; None if empty.
+
+        Args:
+            low: of the first voxel; the box is cut at the volume's ends.
+            high: of the first voxel beyond.
+        """
+        first = np.maximum(low, 0)
+        part = self.volume[tuple(slice(a, b) for a, b in zip(first.tolist(), high.tolist(), strict=True))]
+        if not self.is_inside(part).any():
+            return None
+        x, y, z = (np.asarray(self.grid.origin) + first * self.grid.spacing).tolist()
+        a, b, c = part.shape
+        grid = Grid((a, b, c), self.grid.spacing, (x, y, z))
+        return VoxelField(part, self.level, self.labels, grid, self.connectivity).surface()
 
     def is_inside(self, voxels: Tensor) -> Tensor:
         """Which of some voxels of the volume are in the solid, bool of their shape."""

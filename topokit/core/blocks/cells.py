@@ -204,10 +204,7 @@ def wall_cells(
 
 @compiled
 def _place_of(low: int, high: int, sums: Integers, full: Integers, n_full: int) -> tuple[int, int]:
-    """How many rows of `full` are written, and the place of a pair in the sums, which is its own from now on.
-
-    `planes.add_to_pair` has a narrower loop of its own: one loop for both makes counts of noise a tenth slower.
-    """
+    """How many rows of `full` are written, and the place of a pair in the sums, which is its own from now on."""
     place = (low * 31 + high) & (len(sums) - 1)
     if sums[place, 0] != low or sums[place, 1] != high:
         if sums[place, 0] >= 0:

@@ -35,7 +35,7 @@ from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.errors import InputError
 
 MOST_RANKS = 1 << 16  # whole numbers in a range up to here are tallied in a table
-MOST_VOXELS = np.iinfo(np.int32).max - 1
+_MOST_VOXELS = np.iinfo(np.int32).max - 1
 _PLACES = 1 << 16  # masks whose class is kept at hand
 _TYPES = ("u1", "i4", "i8", "f4", "f8")  # for which loops are compiled
 
@@ -127,7 +127,7 @@ def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIV
         ([0.2, 1.0], [[1, 1, 0], [0, 0, 0]])
     """
     values = _comparable(field)
-    if values.ndim != 3 or not 0 < values.size <= MOST_VOXELS:
+    if values.ndim != 3 or not 0 < values.size <= _MOST_VOXELS:
         raise InputError(f"a curve needs a field (X, Y, Z) with at most 2³¹ voxels, got {values.shape}.")
     is_whole = values.dtype.kind != "f"
     tally = Tally(int(values.min()), int(values.max())) if is_whole else Tally(0, MOST_RANKS)

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.blocks.curve import MOST_VOXELS, Tally, tally_changes, tally_euler
+from topokit.core.blocks.curve import Tally, tally_changes, tally_euler
 from topokit.core.blocks.division import Box, Triple
 from topokit.core.blocks.links import join_regions
-from topokit.errors import InputError
 
 Numbers = NDArray[np.int32]
 Ends = tuple[Numbers | None, Numbers | None]
@@ -53,12 +52,7 @@ def count_curve_part(ranks: NDArray[Any], box: Box, shape: Triple, connectivity:
         shape: of the volume.
         connectivity: 6 or 26, that of the solid.
         n_ranks: how many ranks there are in the volume.
-
-    Raises:
-        InputError: if the block has more than 2³¹ voxels.
     """
-    if ranks.size > MOST_VOXELS:
-        raise InputError(f"a block of {ranks.size} voxels is too large for a curve: store smaller chunks.")
     tally, ends = Tally(0, n_ranks - 1), [(a > 0, b < n) for (a, b), n in zip(box, shape, strict=True)]
     links = tally_changes(np.ascontiguousarray(ranks), connectivity == 6, _as_bits(ends), tally)
     numbers = np.full(ranks.size + 1, -1, np.int32)
@@ -85,12 +79,7 @@ def join_curve_parts(connectivity: int, one: CurvePart, other: CurvePart, axis: 
         one: the box that comes first along the axis.
         other: the next one, of the same size and place along the other axes.
         axis: 0, 1 or 2.
-
-    Raises:
-        InputError: if they share more than 2³¹ voxels with other boxes.
     """
-    if len(one.ranks) + len(other.ranks) > MOST_VOXELS:
-        raise InputError("the volume is too large for a curve: count parts of it.")
     ranks, tally = np.concatenate((one.ranks, other.ranks)), one.tally + other.tally
     shift = len(one.ranks)
     below, above = one.faces[axis][1], other.faces[axis][0]

@@ -22,19 +22,22 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import label, uniform_filter
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, label
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.euler import dual_connectivity, solid_euler
-from topokit.core.homotopy.growth import grow, joins, numbers_at, strides_around
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices
+from topokit.core.homotopy.growth import Ranks, grow, joins, numbers_at, strides_around
+from topokit.core.homotopy.simple_points import Counts, Indices
+from topokit.core.labels import connected_labels
 
-_CORNERS = np.ones((3, 3, 3))
-_STEPS = np.abs(OFFSETS).sum(axis=1)  # 1 across a face
+Labels = NDArray[np.int32]
+
+_CORNERS = np.ones((3, 3, 3), dtype=bool)
 
 _ROUNDS = 4  # of shrinking back
-_VICINITY = 5  # voxels
+_NEAR = 16.0  # voxels around a place that shrink back in the best order rather than the fastest
 
 Widths = Callable[[Integers], Floats]
 
@@ -60,10 +63,27 @@ class Patch(NamedTuple):
     filled: tuple[Filled, ...]
 
 
+class Regions(NamedTuple):
+    """Connected components in a solid and around it.
+
+    Attributes:
+        parts: (X, Y, Z) labels of the components of the solid, from 1 on.
+        holes: (X, Y, Z) those of the background.
+    """
+
+    parts: Labels
+    holes: Labels
+
+
+def regions(solid: Booleans, connectivity: int) -> Regions:
+    """The components of a solid (X, Y, Z) and of its background."""
+    return Regions(_labels(solid, connectivity), _labels(~solid, dual_connectivity(connectivity)))
+
+
 def closing(
     solid: Booleans,
-    distance: Floats,
-    reach: float,
+    known: Regions,
+    layer: tuple[Indices, Ranks],
     widths: Widths,
     wanted: Callable[[int, Floats], Booleans],
     cost: Floats | None,
@@ -73,56 +93,71 @@ def closing(
 
     Args:
         solid: (X, Y, Z), with a layer around it that is not changed.
-        distance: (X, Y, Z) of voxels of the background from the solid.
-        reach: largest distance of a voxel that may be filled.
+        known: its components.
+        layer: the voxels that may be filled, see `layer_around`.
         widths: of places, given by their indices (M, 3).
         wanted: which classes of a dimension and of some widths (M,) are filled.
         cost: (X, Y, Z), what it costs to fill each voxel; None if all cost the same.
         connectivity: 6 or 26, that of the solid.
     """
     around = strides_around(solid.shape)
-    work = solid.ravel().astype(np.int8)
-    may = ~solid & (distance <= reach)
-    may[[0, -1]] = may[:, [0, -1]] = may[:, :, [0, -1]] = False
-    waiting = np.flatnonzero(may)
-    around_each = uniform_filter(distance, _VICINITY).ravel()  # of equally narrow places the middle of a narrow part
-    waiting = waiting[np.lexsort((around_each[waiting], distance.ravel()[waiting]))]
+    work = solid.astype(np.int8).ravel()
+    voxels, rank = layer
+    waiting, tried = voxels, (voxels[:0],) * 3
     found: list[Filled] = []
     while True:
-        grow(work, waiting[work[waiting] == 0], around, connectivity)
+        grow(work, waiting[work[waiting] == 0], rank, around, connectivity)
         waiting = waiting[work[waiting] == 0]
+        candidates = _candidates(work, waiting, around, connectivity)
+        if all(np.isin(*pair).all() for pair in zip(candidates, tried, strict=True)):
+            break
+        tried = candidates
         new = []
-        for dimension, voxels in _ends(work, waiting, solid.shape, around, connectivity):
-            places = np.stack(np.unravel_index(voxels, solid.shape), axis=1)
+        for dimension, ends in enumerate(_ends(work, candidates, solid.shape, around, connectivity)):
+            places = np.stack(np.unravel_index(ends, solid.shape), axis=1)
             sizes = widths(places) if len(places) else np.empty(0)
             rows = np.flatnonzero(wanted(dimension, sizes))
-            new += [(int(voxels[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+            new += [(int(ends[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
         filled = [one for voxel, one in new if _fills(work, voxel, one.dimension, around, connectivity)]
         if not filled:
             break
         found += filled
-    return _patches(solid, work, found, cost, around, connectivity)
+    grown = voxels[work[voxels] != 0]
+    return _patches(solid, known, work, grown, rank, found, cost, connectivity) if found else []
+
+
+def _candidates(
+    work: Counts, waiting: Indices, around: Integers, connectivity: int
+) -> tuple[Indices, Indices, Indices]:
+    """Voxels that join what is apart or close a loop, that close a tunnel or wall off a cavity, and that fill one."""
+    solid, background = numbers_at(work, waiting, around, connectivity)
+    one = solid == 1
+    return waiting[(solid > 1) & (background == 1)], waiting[one & (background > 1)], waiting[one & (background == 0)]
 
 
 def _ends(
-    work: Counts, waiting: Indices, shape: tuple[int, ...], around: Integers, connectivity: int
-) -> list[tuple[int, Indices]]:
-    """Voxels at which a class of each dimension ends, among those in the order of their distance."""
-    solid, background = numbers_at(work, waiting, around, connectivity)
-    between = waiting[(solid > 1) & (background == 1)]
-    parts = _labels(work.reshape(shape) != 0, connectivity)
-    is_bridge = joins(work.copy(), parts, between, around, connectivity) == 1
-    across = waiting[(solid == 1) & (background > 1)][::-1]
-    rest = 1 - work
-    rest[across] = 0
-    regions = _labels(rest.reshape(shape) != 0, dual_connectivity(connectivity))
-    stays_open = joins(rest, regions, across, around, dual_connectivity(connectivity)) == 1
-    last = waiting[(solid == 1) & (background == 0)]
-    return [(0, between[is_bridge]), (1, across[~stays_open]), (2, last)]
+    work: Counts,
+    candidates: tuple[Indices, Indices, Indices],
+    shape: tuple[int, ...],
+    around: Integers,
+    connectivity: int,
+) -> tuple[Indices, Indices, Indices]:
+    """Those candidates at which a class of each dimension ends, in the order of their distance."""
+    between, across, last = candidates
+    if len(between):
+        parts = _labels(work.reshape(shape), connectivity).ravel()
+        between = between[joins(work.copy(), parts, between, around, connectivity) > 1]
+    if len(across):
+        rest = 1 - work
+        rest[across] = 0
+        holes = _labels(rest.reshape(shape), dual_connectivity(connectivity)).ravel()
+        closes = joins(rest, holes, across[::-1], around, dual_connectivity(connectivity)) < 0
+        across = across[::-1][closes]
+    return between, across, last
 
 
-def _labels(mask: Booleans, connectivity: int) -> Integers:
-    return np.asarray(label(mask, _CORNERS if connectivity == 26 else None)[0], dtype=np.int64).ravel()
+def _labels(mask: Counts | Booleans, connectivity: int) -> Labels:
+    return np.asarray(label(mask, _CORNERS if connectivity == 26 else None)[0], dtype=np.int32)
 
 
 def _fills(work: Counts, voxel: int, dimension: int, around: Integers, connectivity: int) -> bool:
@@ -135,20 +170,22 @@ def _fills(work: Counts, voxel: int, dimension: int, around: Integers, connectiv
 
 
 def _patches(
-    solid: Booleans, work: Counts, found: list[Filled], cost: Floats | None, around: Integers, connectivity: int
+    solid: Booleans,
+    known: Regions,
+    work: Counts,
+    grown: Indices,
+    rank: Ranks,
+    found: list[Filled],
+    cost: Floats | None,
+    connectivity: int,
 ) -> list[Patch]:
     """What is left of the growth when it has shrunk back, with what each patch fills."""
-    if not found:
-        return []
-    groups = _layers(solid, work, np.stack([one.voxel for one in found]), cost, around, connectivity)
-    parts = _labels(solid, connectivity)
-    holes = _labels(~solid, dual_connectivity(connectivity))
-    sizes = np.bincount(holes)
     ends = [[one for one in found if one.dimension == dimension] for dimension in range(3)]
     trees = [cKDTree([one.voxel for one in own]) if own else None for own in ends]
+    price = np.ones(len(grown)) if cost is None else cost.ravel()[grown]
     patches = []
-    for voxels in groups:
-        counts = _filled_by(solid, voxels, parts, holes, sizes, around, connectivity)
+    for voxels in _layers(work, solid.shape, grown, rank, np.stack([one.voxel for one in found]), price, connectivity):
+        counts = _filled_by(solid, voxels, known, connectivity)
         index = np.stack(np.unravel_index(voxels, solid.shape), axis=1)
         filled = [
             one
@@ -162,32 +199,47 @@ def _patches(
 
 
 def _layers(
-    solid: Booleans, work: Counts, places: Integers, cost: Floats | None, around: Integers, connectivity: int
+    work: Counts,
+    shape: tuple[int, ...],
+    grown: Indices,
+    rank: Ranks,
+    places: Integers,
+    price: Floats,
+    connectivity: int,
 ) -> list[Indices]:
     """The voxels (N,) of each component of what is left when all that is simple has shrunk back.
 
-    Costly voxels shrink back first, then those far from some places (M, 3). The middles of what is left are better
-    places, from which fewer are left; the best of some rounds is taken.
+    What grew last shrinks back first, as far as it is simple. Of the rest costly voxels come first, then those far from
+    some places (M, 3). The middles of what is left are better places, from which fewer are left; the best of some
+    rounds is taken.
     """
-    grown = np.flatnonzero(work.astype(bool) & ~solid.ravel())
-    index = np.stack(np.unravel_index(grown, solid.shape), axis=1)
-    price = np.ones(len(grown)) if cost is None else cost.ravel()[grown]
+    around = strides_around(shape)
+    away = cKDTree(places).query(np.stack(np.unravel_index(grown, shape), axis=1), distance_upper_bound=_NEAR)[0]
+    is_near = np.isfinite(away)
+    grow(work, grown[~is_near][::-1], rank, around, connectivity)
+    stays = np.flatnonzero(work[grown])
+    stays = stays[np.argsort(grown[stays])]
+    grown, price = grown[stays], price[stays]
+    index = np.stack(np.unravel_index(grown, shape), axis=1)
     best: tuple[float, list[Indices]] = (np.inf, [])
     for _ in range(_ROUNDS):
         away = cKDTree(places).query(index)[0]
-        left = work.copy()
-        grow(left, grown[np.lexsort((-away, -price))], around, connectivity)
-        rows = np.flatnonzero(left[grown])
-        mask = np.zeros(solid.shape, dtype=bool)
-        mask.ravel()[grown[rows]] = True
-        names, count = label(mask, _CORNERS)
-        names = names.ravel()[grown[rows]]
-        groups = [grown[rows[names == name]] for name in range(1, count + 1)]
+        grow(work, grown[np.lexsort((-away, -price))], rank, around, connectivity)
+        rows = np.flatnonzero(work[grown])
+        work[grown] = 1
+        groups = [rows[group] for group in _touching(index[rows])]
         if (total := float(price[rows].sum())) >= best[0]:
             break
-        best = total, groups
-        places = np.stack([index[rows[names == name]].mean(axis=0) for name in range(1, count + 1)])
+        best = total, [grown[group] for group in groups]
+        places = np.stack([index[group].mean(axis=0) for group in groups])
     return best[1]
+
+
+def _touching(index: Integers) -> list[Integers]:
+    """The rows of each component of some voxels (N, 3), joined by faces, edges and corners."""
+    pairs = cKDTree(index).query_pairs(1.0, p=np.inf, output_type="ndarray")
+    names = connected_labels(len(index), *pairs.T)
+    return np.split(np.argsort(names, kind="stable"), np.cumsum(np.bincount(names))[:-1])
 
 
 def _nearest(filled: list[Filled], tree: cKDTree, index: Integers, count: int) -> list[Filled]:
@@ -198,27 +250,22 @@ def _nearest(filled: list[Filled], tree: cKDTree, index: Integers, count: int) -
     return [filled[k] for k in np.resize(closest[first], count)]
 
 
-def _filled_by(
-    solid: Booleans,
-    voxels: Indices,
-    parts: Integers,
-    holes: Integers,
-    sizes: Integers,
-    around: Integers,
-    connectivity: int,
-) -> tuple[int, int, int]:
+def _filled_by(solid: Booleans, voxels: Indices, known: Regions, connectivity: int) -> tuple[int, int, int]:
     """How many parts some voxels join, tunnels they close and cavities they fill, if they alone join the solid.
 
     Parts and cavities follow from the labels around and within, tunnels from the Euler characteristic, which is local.
     """
-    steps = around[_STEPS == 1] if connectivity == 6 else around
-    touched = np.unique(parts[(voxels[:, None] + steps).ravel()])
-    joined = int((touched > 0).sum()) - 1
-    names, counts = np.unique(holes[voxels], return_counts=True)
-    cavities = int((sizes[names] == counts).sum())
     at = np.unravel_index(voxels, solid.shape)
     box = tuple(slice(int(one.min()) - 1, int(one.max()) + 2) for one in at)
-    after = solid[box].copy()
-    after[tuple(one - side.start for one, side in zip(at, box, strict=True))] = True
-    change = solid_euler(after, connectivity=connectivity) - solid_euler(solid[box], connectivity=connectivity)
+    added = np.zeros([side.stop - side.start for side in box], dtype=bool)
+    added[tuple(one - side.start for one, side in zip(at, box, strict=True))] = True
+    own, other = (None, _CORNERS) if connectivity == 6 else (_CORNERS, None)
+    touched = known.parts[box][binary_dilation(added, own)]
+    joined = len(np.unique(touched[touched > 0])) - 1
+    holes = known.holes[box]
+    beside = holes[binary_dilation(added, other) & ~added]
+    cavities = len(np.setdiff1d(holes[added], beside))
+    change = solid_euler(solid[box] | added, connectivity=connectivity) - solid_euler(
+        solid[box], connectivity=connectivity
+    )
     return joined, int(change) + joined + cavities, cavities

@@ -9,11 +9,14 @@ from __future__ import annotations
 from heapq import heappop, heappush
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import root_of
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, component, n_touching, touching
+
+Ranks = NDArray[np.int32]
 
 
 def strides_around(shape: tuple[int, ...]) -> Integers:
@@ -23,23 +26,23 @@ def strides_around(shape: tuple[int, ...]) -> Integers:
 
 
 @compiled
-def grow(inside: Counts, order: Indices, around: Integers, connectivity: int) -> None:
+def grow(inside: Counts, order: Indices, rank: Ranks, around: Integers, connectivity: int) -> None:
     """Flip voxels in an order as long as each is simple; a neighbor that becomes simple later is flipped then.
 
     Args:
         inside: (M,) 1 inside, flat, with a layer around it that is not flipped; changed in place.
         order: (N,) flat indices of the voxels to flip, each once.
+        rank: (M,) memory to work in, negative; it is negative again afterwards.
         around: (27,) steps to the neighbors of a voxel.
         connectivity: 6 or 26, that of the solid.
     """
-    rank = np.full(len(inside), -1)
     for place in range(len(order)):
         rank[order[place]] = place
     seen = place = 0
-    again = [0 for _ in range(0)]
+    again = [np.int64(0) for _ in range(0)]
     while seen < len(order) or again:
         if again:
-            place = heappop(again)
+            place = int(heappop(again))
         else:
             place, seen = seen, seen + 1
         voxel = order[place]
@@ -52,7 +55,9 @@ def grow(inside: Counts, order: Indices, around: Integers, connectivity: int) ->
         rank[voxel] = -1
         for step in around:
             if 0 <= rank[voxel + step] < seen:
-                heappush(again, rank[voxel + step])
+                heappush(again, np.int64(rank[voxel + step]))
+    for voxel in order:
+        rank[voxel] = -1
 
 
 @compiled
@@ -76,7 +81,7 @@ def numbers_at(inside: Counts, voxels: Indices, around: Integers, connectivity: 
 
 
 @compiled
-def joins(inside: Counts, labels: Integers, voxels: Indices, around: Integers, connectivity: int) -> Counts:
+def joins(inside: Counts, labels: Ranks, voxels: Indices, around: Integers, connectivity: int) -> Counts:
     """Add voxels one after the other if each only joins components that were apart, as Kruskal's algorithm does.
 
     Args:
@@ -87,10 +92,10 @@ def joins(inside: Counts, labels: Integers, voxels: Indices, around: Integers, c
         connectivity: 6 or 26, that of the solid.
 
     Returns:
-        (N,) 1 where a voxel was added, 0 where it would have closed a loop.
+        (N,) how many components each voxel joined, −1 where it would have closed a loop and was not added.
     """
     parent = np.arange(labels.max() + len(voxels) + 1)
-    added = np.zeros(len(voxels), dtype=np.int8)
+    n_joined = np.full(len(voxels), -1, dtype=np.int8)
     for row in range(len(voxels)):
         voxel = voxels[row]
         code = code_at(inside, voxel, around)
@@ -108,5 +113,5 @@ def joins(inside: Counts, labels: Integers, voxels: Indices, around: Integers, c
         if not is_loop:
             for root in roots:
                 parent[root] = own
-            labels[voxel], inside[voxel], added[row] = own, 1, 1
-    return added
+            labels[voxel], inside[voxel], n_joined[row] = own, 1, len(roots)
+    return n_joined

@@ -5,8 +5,9 @@
     python -m benchmarks.certified bumps 100          # networks with a bump of 1e-4 of the box
     python -m benchmarks.certified networks DATA 600  # signed distance networks, so many seconds each
     python -m benchmarks.certified growth 60          # cells, seconds and memory by depth and width
+    python -m benchmarks.certified reports DATA NAME  # reports without and with a proof, also of networks
 
-Seconds are those of the processor: one thread, if OMP_NUM_THREADS=1.
+Seconds are those of all cores together, unless said otherwise.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ import resource
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+import topokit as tk
 from benchmarks.bounded_operations import OPERATIONS, outside
 from benchmarks.known_level_sets import KNOWN, SINGULAR, Function
 from benchmarks.surfaces import network
@@ -125,10 +128,15 @@ def bumps(count: str) -> None:
     print(found)
 
 
+def rows_of(data: str) -> list[dict[str, Any]]:
+    """What a collection says of its networks."""
+    rows: list[dict[str, Any]] = json.loads((Path(data) / "index.json").read_text("utf-8"))
+    return [row for row in rows if row["kind"] == "sdfnet"]
+
+
 def networks(data: str, limit: str, *names: str) -> None:
     """The networks of a collection: what is proven, and whether it is the known characteristic."""
-    rows = [row for row in json.loads((Path(data) / "index.json").read_text("utf-8")) if row["kind"] == "sdfnet"]
-    for row in rows:
+    for row in rows_of(data):
         if names and row["name"] not in names:
             continue
         started = time.process_time()
@@ -157,7 +165,26 @@ def growth(limit: str) -> None:
         )
 
 
+def reports(data: str = "", *names: str) -> None:
+    """What a report pays for a proof beside its grids."""
+    functions: dict[str, Function] = {name: KNOWN[name].function for name in ("sphere", "torus", "genus 2 plate")}
+    functions |= {f"{d} x {w} ReLUs": random_network(d, w, 0) for d, w in ((2, 32), (8, 32), (4, 128))}
+    functions |= {row["name"]: network(Path(data) / row["path"]) for row in rows_of(data) if row["name"] in names}
+    tk.from_sdf(random_network(2, 8, 0), bounds=(-1, 1)).report()  # compiles
+    for name, function in functions.items():
+        verdicts, seconds = [], []
+        for certify in (False, None):
+            started = np.array((time.process_time(), time.monotonic()))
+            verdicts.append(tk.from_sdf(function, bounds=(-1, 1)).report(certify=certify).verdict)
+            seconds.append(np.array((time.process_time(), time.monotonic())) - started)
+        ratios = seconds[1] / seconds[0]
+        print(
+            f"{name:20} {' -> '.join(verdicts)}; CPU {seconds[0][0]:.1f} -> {seconds[1][0]:.1f} s ({ratios[0]:.2f}), "
+            f"time {seconds[0][1]:.1f} -> {seconds[1][1]:.1f} s ({ratios[1]:.2f})",
+            flush=True,
+        )
+
+
 if __name__ == "__main__":
-    {"surfaces": surfaces, "boxes": boxes, "bumps": bumps, "networks": networks, "growth": growth}[sys.argv[1]](
-        *sys.argv[2:]
-    )
+    asked = (surfaces, boxes, bumps, networks, growth, reports)
+    {one.__name__: one for one in asked}[sys.argv[1]](*sys.argv[2:])

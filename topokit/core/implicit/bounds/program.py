@@ -130,6 +130,11 @@ class Program:
         """Whether its gradient is constant between kinks."""
         return all(isinstance(step, Affine | PositivePart) for step in self.steps)
 
+    @property
+    def has_kinks(self) -> bool:
+        """Whether its gradient may jump."""
+        return any(isinstance(step, PositivePart) for step in self.steps)
+
     def without_end(self) -> Program:
         """A program of the same signs, without a tanh, atan, erf or sigmoid at the end where that crosses 0 at 0."""
         slope = Fraction(1)  # of the value, and the value of the last curve at which it is 0

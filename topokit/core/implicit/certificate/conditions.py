@@ -65,18 +65,18 @@ def _all_rise(
 
 
 def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:
-    """Condition V for some leaves, with the directions of `directions`."""
+    """Condition V for some leaves: by directions of their own, else by those of `directions`, which are dear."""
     found = np.zeros(len(rows), dtype=bool)
-    chosen = np.nonzero(~touched[rows].any(1))[0]
-    if not len(chosen):
-        return found
-    pairs = touching(mesh, rows[chosen], len(leaves.level))
-    direction, least = directions(leaves, mesh, rows[chosen], pairs)
-    cell, tetrahedron = pairs
-    along, vectors = direction[cell], mesh.gradient[tetrahedron]
-    error = 1e-12 * (along * vectors).abs().sum(1) + (along.abs() * mesh.slack[tetrahedron]).sum(1)
-    falls = cell[((along * vectors).sum(1) <= error).numpy()]
-    found[chosen] = (least > 0) & (np.bincount(falls, minlength=len(chosen)) == 0)
+    for find in (_own_directions, directions):
+        left = np.nonzero(~found & ~touched[rows].any(1))[0]
+        if not len(left):
+            break
+        pairs = cell, tetrahedron = touching(mesh, rows[left], len(leaves.level))
+        direction, least = find(leaves, mesh, rows[left], pairs)
+        along, vectors = direction[cell], mesh.gradient[tetrahedron]
+        error = 1e-12 * (along * vectors).abs().sum(1) + (along.abs() * mesh.slack[tetrahedron]).sum(1)
+        falls = cell[((along * vectors).sum(1) <= error).numpy()]
+        found[left] = (least > 0) & (np.bincount(falls, minlength=len(left)) == 0)
     return found
 
 
@@ -116,11 +116,20 @@ def directions(
     cell, tetrahedron = pairs
     distinct = np.unique(np.stack((cell, mesh.owner[tetrahedron]), axis=1), axis=0)
     together = leaves.gradient.taken(torch.from_numpy(distinct[:, 1]))
-    found = normalize(_shared_direction(together, torch.from_numpy(distinct[:, 0])), dim=1)
+    shared = normalize(_shared_direction(together, torch.from_numpy(distinct[:, 0])), dim=1)
+    own, least_of_own = _own_directions(leaves, mesh, rows, pairs)
+    least = leaves.gradient.rows(torch.from_numpy(rows)).least(shared[:, None])[:, 0].numpy()
+    is_shared = least > 0
+    return torch.where(torch.from_numpy(is_shared)[:, None], shared, own), np.where(is_shared, least, least_of_own)
+
+
+def _own_directions(
+    leaves: Leaves, mesh: Triangulation, rows: Integers, pairs: tuple[Integers, Integers]
+) -> tuple[Tensor, Floats]:
+    """The same, but of each leaf alone."""
     own = leaves.gradient.rows(torch.from_numpy(rows))
-    for other in (own.shortest(), own.center):
-        rises_along = own.least(found[:, None]) > 0
-        found = torch.where(rises_along, found, normalize(other, dim=1))
+    center, shortest = (normalize(one, dim=1) for one in (own.center, own.shortest()))
+    found = torch.where(own.least(center[:, None]) > 0, center, shortest)
     return found, own.least(found[:, None])[:, 0].numpy()
 
 

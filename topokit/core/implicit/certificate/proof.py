@@ -149,7 +149,7 @@ def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
 
 
 def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans) -> tuple[Triangulation, Booleans]:
-    """The triangulation with values relaxed where the conditions fail, and (n,) whether leaves satisfy them.
+    """The triangulation with values relaxed beside creases, and (n,) whether leaves satisfy the conditions.
 
     Args:
         tree: of the leaves.
@@ -165,7 +165,7 @@ def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans)
     is_first, is_met = not is_met.any(), is_met.copy()
     is_met[near] = are_met(leaves, mesh, touched, near)
     bent: Booleans = np.zeros(len(is_met), dtype=bool)
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if tree.program.has_kinks else 0):  # where f is smooth, dividing is cheaper
         fails = ~is_met & ~touched.any(1)
         if not (fails & ~bent).any():
             break

@@ -66,48 +66,55 @@ def _reached(
     solid: Counts, ranks: Ranks, around: Integers, offsets: Indices, sizes: Floats, reach: float
 ) -> tuple[Indices, Floats]:
     """The free voxels that are near, and their distances; `ranks` becomes the row of each."""
-    voxels = [0 for _ in range(0)]
-    for voxel in range(around[-1], len(solid) - around[-1]):
-        if solid[voxel]:
-            is_beside = False
-            for k in (4, 10, 12, 14, 16, 22):  # across faces
-                is_beside |= ranks[voxel + around[k]] == _FREE and not solid[voxel + around[k]]
-            if is_beside:
-                voxels.append(voxel)
-    n_ends = len(voxels)
-    distances, is_waiting = [0.0 for _ in range(n_ends)], [True for _ in range(n_ends)]
-    ways, way = np.zeros((n_ends + 1024, 3), np.int16), np.zeros(3, np.int16)
-    waiting, n_seen = list(range(n_ends)), 0
-    while n_seen < len(waiting):
-        row = waiting[n_seen]
-        n_seen, is_waiting[row] = n_seen + 1, False
+    ends = _ends(solid, ranks, around)
+    voxels, waiting = [np.int64(0) for _ in range(0)], [np.int64(0) for _ in range(0)]
+    squares, ways = np.empty(1024), np.empty((1024, 3), np.int16)
+    is_waiting = np.empty(1024, np.bool_)
+    way, n_seen = np.zeros(3, np.int64), 0
+    while n_seen < len(ends) + len(waiting):
+        is_end = n_seen < len(ends)
+        voxel = ends[n_seen] if is_end else np.int64(0)
+        if not is_end:
+            row = waiting[n_seen - len(ends)]
+            voxel, is_waiting[row] = voxels[row], False
+            way[0], way[1], way[2] = ways[row, 0], ways[row, 1], ways[row, 2]
+        n_seen += 1
         for k in range(27):
-            other = voxels[row] + around[k]
-            if solid[other] or ranks[other] == _ELSEWHERE:
+            x, y, z = way[0] + offsets[k, 0], way[1] + offsets[k, 1], way[2] + offsets[k, 2]
+            square = (x * sizes[0]) ** 2 + (y * sizes[1]) ** 2 + (z * sizes[2]) ** 2
+            is_known = not is_end and max(abs(x), abs(y), abs(z)) <= 1  # from the end itself
+            if is_known or square > reach**2:
                 continue
-            square = 0.0
-            for axis in range(3):
-                way[axis] = ways[row, axis] + offsets[k, axis]
-                square += (way[axis] * sizes[axis]) ** 2
-            distance = np.sqrt(square)
-            if distance > reach:
-                continue
-            if ranks[other] == _FREE:
-                ranks[other] = len(voxels)
-                voxels.append(other)
-                distances.append(np.inf)
-                is_waiting.append(False)
-                if len(voxels) > len(ways):
-                    ways = np.concatenate((ways, ways))
+            other = voxel + around[k]
             own = ranks[other]
-            if distance < distances[own]:
-                distances[own], ways[own] = distance, way
+            if own == _ELSEWHERE or (own == _FREE and solid[other]):
+                continue
+            if own == _FREE:
+                own = ranks[other] = len(voxels)
+                voxels.append(other)
+                if len(voxels) > len(squares):
+                    squares, ways = np.concatenate((squares, squares)), np.concatenate((ways, ways))
+                    is_waiting = np.concatenate((is_waiting, is_waiting))
+                squares[own], is_waiting[own] = np.inf, False
+            if square < squares[own]:
+                squares[own], ways[own, 0], ways[own, 1], ways[own, 2] = square, x, y, z
                 if not is_waiting[own]:
                     is_waiting[own] = True
                     waiting.append(own)
-    for place in range(n_ends, len(voxels)):
-        ranks[voxels[place]] -= n_ends
-    return np.array(voxels[n_ends:]), np.array(distances[n_ends:])
+    return np.array(voxels), np.sqrt(squares[: len(voxels)])
+
+
+@compiled
+def _ends(solid: Counts, ranks: Ranks, around: Integers) -> Indices:
+    """The voxels of the solid with a free one across a face, where ways begin."""
+    ends = [np.int64(0) for _ in range(0)]
+    for voxel in range(around[-1], len(solid) - around[-1]):
+        if solid[voxel]:
+            for k in (4, 10, 12, 14, 16, 22):
+                if not solid[voxel + around[k]] and ranks[voxel + around[k]] == _FREE:
+                    ends.append(np.int64(voxel))
+                    break
+    return np.array(ends)
 
 
 @compiled

@@ -12,7 +12,7 @@ from topokit.core.grid.tiles import tiles_of
 from topokit.core.surface import TriangleSurface
 
 _STEPS = np.arange(-2, 3) / 4  # of a voxel, within which the center of the ball is looked for
-_TILE = 32  # voxels along each axis of which the surface is made at a time
+_TILE = 16  # voxels along each axis of which the surface is made at a time
 
 
 class SurfaceWidths:
@@ -54,7 +54,9 @@ class SurfaceWidths:
         name = tuple(first.tolist())
         if name not in self._trees:
             surface = self._surface(first - self._margin, first + _TILE + self._margin)
-            self._trees[name] = None if surface is None else cKDTree(_samples(surface))
+            self._trees[name] = (
+                None if surface is None else cKDTree(_samples(surface), compact_nodes=False, balanced_tree=False)
+            )
         return self._trees[name]
 
 

@@ -167,7 +167,7 @@ def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans)
     bent: Booleans = np.zeros(len(is_met), dtype=bool)
     for _ in range(_ROUNDS if tree.program.has_kinks else 0):  # where f is smooth, dividing is cheaper
         fails = ~is_met & ~touched.any(1)
-        if not (fails & ~bent).any():
+        if tree.is_over() or not (fails & ~bent).any():
             break
         bent |= fails
         before, mesh = mesh, relaxed(leaves, mesh, np.nonzero(bent)[0])

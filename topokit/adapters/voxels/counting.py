@@ -155,9 +155,13 @@ class BlockCount:
             source: its values, or a function that reads them.
             block: where it is in the volume.
         """
-        values = np.asarray(source() if callable(source) else source)
-        inside, seen = self.solid.mark(values)
+        inside, seen = self.solid.mark(values_of(source))
         return Found(count_box(inside, block, self.shape, self.solid.connectivity), seen)
+
+
+def values_of(source: Any) -> NDArray[Any]:
+    """The values of a block, given these or a function that reads them."""
+    return np.asarray(source() if callable(source) else source)
 
 
 def joined(one: Found, other: Found, axis: int) -> Found:

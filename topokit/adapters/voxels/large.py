@@ -7,9 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
-from topokit.adapters.voxels.counting import Solid, answer_in_blocks
+from topokit.adapters.voxels.counting import Solid, answer_in_blocks, values_of
 from topokit.adapters.voxels.levels import curve_in_blocks
 from topokit.adapters.voxels.stored import DaskVolume, Entry, PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
@@ -96,7 +94,7 @@ def label_in_blocks(
 def _boxes_in_block(source: Any, block: Box) -> dict[int, LabelBox]:
     first = [start for start, _ in block]
     found = {}
-    for label, box in tight_boxes(np.asarray(source() if callable(source) else source)).items():
+    for label, box in tight_boxes(values_of(source)).items():
         x, y, z = (slice(side.start + start, side.stop + start) for side, start in zip(box, first, strict=True))
         found[label] = x, y, z
     return found

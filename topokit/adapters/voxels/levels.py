@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from topokit.adapters.voxels.counting import Solid
+from topokit.adapters.voxels.counting import Solid, values_of
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.curve import EulerCurve
 from topokit.core.blocks.curve_parts import CurvePart, count_curve_part, join_curve_parts
@@ -42,7 +42,7 @@ class BlockCurve:
 
     def count(self, source: Any, block: Box) -> CurvePart:
         """What is found in a block, given its values, or a function that reads them, and where it is."""
-        values = _values(source)
+        values = values_of(source)
         gray = self.solid.mark(values)[0] if self.solid.labels else values
         ranks = self.levels.ranks(gray)
         return count_curve_part(ranks, block, self.shape, self.solid.connectivity, self.levels.n_ranks)
@@ -83,12 +83,8 @@ def curve_in_blocks(
     return curve.sampled(levels) if is_number else curve.at(levels)  # type: ignore[arg-type]
 
 
-def _values(source: Any) -> NDArray[Any]:
-    return np.asarray(source() if callable(source) else source)
-
-
 def _span_of_block(source: Any, block: Box) -> Span:
-    values = _values(source)
+    values = values_of(source)
     finite = values[np.isfinite(values)]
     return Span(float(finite.min()), float(finite.max())) if finite.size else Span(np.inf, -np.inf)
 

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.blocks.compiled import compiled
+from topokit.core.blocks.division import Triple
 from topokit.core.blocks.planes import root_of
 
 Masks = NDArray[np.int32]
-Triple = tuple[int, int, int]
 Numbers = NDArray[np.int32]
 Bytes = NDArray[np.int8]
 

@@ -67,12 +67,15 @@ def _all_rise(
 def _has_direction(leaves: Leaves, mesh: Triangulation, rows: Integers, touched: Booleans) -> Booleans:
     """Condition V for some leaves: by directions of their own, else by those of `directions`, which are dear."""
     found = np.zeros(len(rows), dtype=bool)
-    for find in (_own_directions, directions):
+    for is_shared in (False, True):
         left = np.nonzero(~found & ~touched[rows].any(1))[0]
         if not len(left):
             break
         pairs = cell, tetrahedron = touching(mesh, rows[left], len(leaves.level))
-        direction, least = find(leaves, mesh, rows[left], pairs)
+        if is_shared:
+            direction, least = directions(leaves, mesh, rows[left], pairs)
+        else:
+            direction, least = _own_directions(leaves.gradient.rows(torch.from_numpy(rows[left])))
         along, vectors = direction[cell], mesh.gradient[tetrahedron]
         error = 1e-12 * (along * vectors).abs().sum(1) + (along.abs() * mesh.slack[tetrahedron]).sum(1)
         falls = cell[((along * vectors).sum(1) <= error).numpy()]
@@ -117,17 +120,15 @@ def directions(
     distinct = np.unique(np.stack((cell, mesh.owner[tetrahedron]), axis=1), axis=0)
     together = leaves.gradient.taken(torch.from_numpy(distinct[:, 1]))
     shared = normalize(_shared_direction(together, torch.from_numpy(distinct[:, 0])), dim=1)
-    own, least_of_own = _own_directions(leaves, mesh, rows, pairs)
-    least = leaves.gradient.rows(torch.from_numpy(rows)).least(shared[:, None])[:, 0].numpy()
-    is_shared = least > 0
-    return torch.where(torch.from_numpy(is_shared)[:, None], shared, own), np.where(is_shared, least, least_of_own)
-
-
-def _own_directions(
-    leaves: Leaves, mesh: Triangulation, rows: Integers, pairs: tuple[Integers, Integers]
-) -> tuple[Tensor, Floats]:
-    """The same, but of each leaf alone."""
     own = leaves.gradient.rows(torch.from_numpy(rows))
+    least = own.least(shared[:, None])[:, 0].numpy()
+    alone, least_alone = _own_directions(own)
+    is_shared = least > 0
+    return torch.where(torch.from_numpy(is_shared)[:, None], shared, alone), np.where(is_shared, least, least_alone)
+
+
+def _own_directions(own: Zonotopes) -> tuple[Tensor, Floats]:
+    """The same for the gradients of single leaves, whatever is near."""
     center, shortest = (normalize(one, dim=1) for one in (own.center, own.shortest()))
     found = torch.where(own.least(center[:, None]) > 0, center, shortest)
     return found, own.least(found[:, None])[:, 0].numpy()

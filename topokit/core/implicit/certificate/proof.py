@@ -161,7 +161,7 @@ def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans)
     touched = tree.touched(leaves.index, leaves.level)
     is_changed = mesh.is_new.copy()
     is_changed[mesh.tetrahedra[~is_met[mesh.owner]]] = True
-    near = leaves_near(mesh, np.nonzero(is_changed)[0])
+    near = leaves_near(mesh, is_changed)
     is_first, is_met = not is_met.any(), is_met.copy()
     is_met[near] = are_met(leaves, mesh, touched, near)
     bent: Booleans = np.zeros(len(is_met), dtype=bool)
@@ -171,7 +171,7 @@ def _tested(tree: Octree, leaves: Leaves, mesh: Triangulation, is_met: Booleans)
             break
         bent |= fails
         before, mesh = mesh, relaxed(leaves, mesh, np.nonzero(bent)[0])
-        near = leaves_near(mesh, np.nonzero(mesh.value != before.value)[0])
+        near = leaves_near(mesh, mesh.value != before.value)
         is_met[near] = are_met(leaves, mesh, touched, near)
     if is_met.all() and not is_first:
         is_met = are_met(leaves, mesh, touched, np.arange(len(is_met)))

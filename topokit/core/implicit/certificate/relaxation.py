@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 from scipy.sparse import csr_array, hstack
 from scipy.sparse.csgraph import connected_components
 
-from topokit.core.arrays import Floats, Integers
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.implicit.certificate.cells import Leaves
 from topokit.core.implicit.certificate.conditions import directions, touching
 from topokit.core.implicit.certificate.triangulation import Triangulation
@@ -78,10 +78,9 @@ def _most_changes(mesh: Triangulation, vertices: Integers, size: Floats) -> Floa
     return np.stack([np.where(is_signed & (sign * value > 0), limit, _FAR) for sign in (1, -1)], axis=1)
 
 
-def leaves_near(mesh: Triangulation, vertices: Integers) -> Integers:
-    """Leaves (ascending numbers) that touch a tetrahedron with one of the vertices."""
-    is_near = np.zeros(len(mesh.value), dtype=bool)
-    is_near[vertices] = True
+def leaves_near(mesh: Triangulation, vertices: Booleans) -> Integers:
+    """Leaves (ascending numbers) that touch a tetrahedron with one of the chosen (V,) vertices."""
+    is_near = vertices.copy()
     is_near[mesh.tetrahedra[mesh.have(is_near)]] = True
     return np.unique(mesh.owner[mesh.have(is_near)])
 

@@ -204,6 +204,26 @@ def mrc(rng: Rng) -> bytes:
         return (Path(folder) / "f.mrc").read_bytes()
 
 
+def vti(rng: Rng) -> bytes:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    volume, image, writer = _volume(rng), vtkImageData(), vtkXMLImageDataWriter()
+    values = numpy_to_vtk(volume.ravel(order="F"), deep=True)
+    values.SetName("gray")
+    image.SetDimensions(*volume.shape)
+    image.GetPointData().AddArray(values)
+    writer.SetInputData(image)
+    (writer.SetDataModeToAscii, writer.SetDataModeToBinary, writer.SetDataModeToAppended)[int(rng.integers(3))]()
+    writer.SetEncodeAppendedData(bool(rng.integers(2)))
+    (writer.SetCompressorTypeToNone, writer.SetCompressorTypeToZLib)[int(rng.integers(2))]()
+    with TemporaryDirectory() as folder:
+        writer.SetFileName(f"{folder}/f.vti")
+        writer.Write()
+        return (Path(folder) / "f.vti").read_bytes()
+
+
 def gifti(rng: Rng) -> bytes:
     from nibabel.gifti import GiftiDataArray, GiftiImage
 
@@ -322,6 +342,7 @@ FLAT: dict[str, tuple[str, Writer]] = {
     "nii": ("f.nii", nifti),
     "mgh": ("f.mgh", mgh),
     "mrc": ("f.mrc", mrc),
+    "vti": ("f.vti", vti),
     "gifti": ("f.gii", gifti),
     "freesurfer": ("f.white", freesurfer),
     "nrrd": ("f.nrrd", nrrd),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from topokit.errors import AdapterError, TopokitError
+from topokit.errors import AdapterError, ReadError, TopokitError
 
 SLOW = 10.0  # s of CPU time for one file
 
@@ -45,6 +45,8 @@ def reader_of(name: str) -> Callable[[Path], Any]:
         from topokit.adapters.mesh.files import read_mesh
 
         return read_mesh
+    if name == "vti":
+        return _read_stored
     if name == "nii.gz":
         return _read_packed
     if "volume" in name or name.startswith(("nii", "nrrd", "tif", "mgh", "mrc")):
@@ -63,6 +65,16 @@ def _read_packed(path: Path) -> Any:
 
     with unpacked(path) as plain:
         return read_volume(plain)
+
+
+def _read_stored(path: Path) -> Any:
+    """A volume that can be read box by box, as a whole."""
+    from topokit.adapters.voxels.stored_files import stored_volume
+
+    found = stored_volume(path)
+    if found is None:
+        raise ReadError(f"{path} is not recognized any more")
+    return found.whole()
 
 
 def read_all(files: Iterable[bytes], path: Path, read: Callable[[Path], Any]) -> Outcome:

@@ -55,7 +55,7 @@ class Given:
     origin: Annotated[Text, _of("Volumes: position of the first voxel, as 0,0,-40.")] = None
     periodic: Annotated[Text, _of("Volumes: axes whose ends touch, as true or true,true,false.")] = None
     edges: Annotated[Text, _of("Volumes: cut-out if they were cut from a larger body; else solid.")] = None
-    dataset: Annotated[Text, _of("Volumes: path of the array in a zarr group or HDF5 file.")] = None
+    dataset: Annotated[Text, _of("Volumes: path of the array in a zarr group, HDF5 or VTK file.")] = None
     axis: Annotated[Text, _of("Volumes: name or number of the axis of channels or times, as t.")] = None
     channel: Annotated[Text, _of("Volumes: number of the channel or time that is the volume, from 0 on.")] = None
     block_voxels: Annotated[

@@ -22,7 +22,6 @@ _TO_EXPORT = dict.fromkeys(
     "Export the shape as STL or OBJ.",
 ) | {
     ".vtp": "Open it with PyVista and pass the mesh to topokit.from_mesh, or save it as .ply or .stl.",
-    ".vti": "With PyVista: from_voxels(image[name].reshape(image.dimensions, order='F'), spacing=image.spacing).",
 }
 """Formats that are often tried, by suffix, and what to do with them."""
 _HOW = "For a format of your own write an adapter: help(topokit.Adapter) shows how."

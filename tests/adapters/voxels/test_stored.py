@@ -223,7 +223,7 @@ def test_groups_and_images_of_several_levels(tmp_path: Path) -> None:
         assert same(coarse, tk.from_voxels(volume()[::2, ::2, ::2], spacing=(2, 1, 4)).report())
     with pytest.raises(ReadError, match="no array 'masks'"):
         tk.load(hdf_path(tmp_path, volume()), dataset="masks")
-    with pytest.raises(InputError, match="names an array in a zarr group or HDF5 file"):
+    with pytest.raises(InputError, match="names an array in a zarr group, HDF5 or VTK file"):
         tk.load(npy_path(tmp_path, volume()), dataset="raw")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import locale
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -89,6 +91,94 @@ def test_mrc_has_its_axes_in_the_order_of_its_header(placed_by: str, tmp_path: P
     [handle] = shape.report(locate=True).location.handles
     x, z, y = handle.place.voxel
     assert (handle.place.unit, handle.place.world) == ("Å", pytest.approx((7 + x, 12 + 3 * y, 6 + 2 * z), abs=2))
+
+
+def write_vti(path: Path, mode: str = "Appended", **arrays: np.ndarray) -> np.ndarray:
+    """Write arrays of points (or of cells, called cells…) of a turned image whose first index is not 0; its affine."""
+    pytest.importorskip("vtkmodules", reason="vtk is not installed; make test installs it")
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+    image, directions = vtkImageData(), np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
+    n_points = np.max([np.add(one.shape[:3], name.startswith("cells")) for name, one in arrays.items()], axis=0)
+    image.SetExtent(*np.column_stack(((2, 0, -1), n_points + np.array((1, -1, -2)))).ravel().tolist())
+    image.SetSpacing(SIZES)
+    image.SetOrigin(10, 20, 30)
+    image.SetDirectionMatrix(*directions.ravel())
+    for name, one in arrays.items():
+        flat = one.reshape(-1, *one.shape[3:], order="F")
+        vtk_array = numpy_to_vtk(flat, deep=True)
+        vtk_array.SetName(name)
+        (image.GetCellData() if name.startswith("cells") else image.GetPointData()).AddArray(vtk_array)
+    writer = vtkXMLImageDataWriter()
+    getattr(writer, f"SetDataModeTo{mode}")()
+    writer.SetFileName(str(path))
+    writer.SetInputData(image)
+    assert writer.Write()
+    affine = np.eye(4)
+    affine[:3, :3] = directions * SIZES
+    affine[:3, 3] = (10, 20, 30) + affine[:3, :3] @ (2, 0, -1)
+    return affine
+
+
+@pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended"])
+@pytest.mark.parametrize("where", ["points", "cells"])
+def test_vti_is_placed_by_extent_origin_spacing_and_direction(mode: str, where: str, tmp_path: Path) -> None:
+    affine = write_vti(tmp_path / "a.vti", mode, **{where: RING})
+    shape = tk.load(tmp_path / "a.vti")
+    check(shape)
+    assert shape.field.volume.numpy().tolist() == RING.tolist()
+    [handle] = shape.report(locate=True).location.handles
+    index = np.add(handle.place.voxel, 0.5 * (where == "cells"))
+    assert handle.place.world == pytest.approx(affine[:3, :3] @ index + affine[:3, 3], abs=2)
+    blocks = tk.from_voxels(tmp_path / "a.vti", block_voxels=100).report()
+    assert (blocks.solid_betti, blocks.genus) == ((1, 1, 0), 1)
+
+
+def test_arrays_of_vti_are_chosen_by_path_and_channel(tmp_path: Path) -> None:
+    path = tmp_path / "a.vti"
+    write_vti(path, points=np.ones_like(RING), cells=RING[1:, 1:, 1:], vectors=np.stack((RING * 0, RING), axis=3))
+    with pytest.raises(InputError, match=r"PointData/points \(9, 8, 5\).*CellData/cells \(8, 7, 4\): pass dataset"):
+        tk.load(path)
+    assert tk.load(path, dataset="CellData/cells").genus() == 1
+    assert tk.load(path, dataset="PointData/points").genus() == 0
+    assert tk.load(path, dataset="PointData/vectors", channel=1).genus() == 1
+    layer = tk.load(path, dataset="PointData/vectors", axis="x", channel=3).field.volume
+    assert layer.numpy().tolist() == np.stack((RING[3] * 0, RING[3]), axis=2).tolist()
+    with pytest.raises(InputError, match=r"with the axes x, y, z, c\. Of several"):
+        tk.load(path, dataset="PointData/vectors")
+    with pytest.raises(ReadError, match=r"no array 'points'\. It holds PointData/points"):
+        tk.load(path, dataset="points")
+
+
+def test_damaged_vti_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.vti"
+    write_vti(path, "Ascii", points=RING)
+    content = path.read_bytes()
+    for damaged, message in (
+        (content[:-300], "could not be read by VTK"),
+        (content.replace(b'WholeExtent="2 10', b'WholeExtent="2 1'), "it has no points"),
+        (content.replace(b'WholeExtent="2 10', b'WholeExtent="2 11'), "its pieces are not the whole image"),
+        (content.replace(b'"2 10 0 7 -1 3"', b'"2 90001 0 70007 -1 300003"'), "decompression bomb"),
+        (content.replace(b"</Piece>", b""), "mismatched tag"),
+    ):
+        path.write_bytes(damaged)
+        with pytest.raises(ReadError, match=message):
+            tk.load(path)
+
+
+def test_compressed_blocks_of_vti_are_no_larger_than_their_file_can_hold(tmp_path: Path) -> None:
+    path = tmp_path / "a.vti"
+    for mode, before in (("Binary", rb"<DataArray.*?>\s*"), ("Appended", rb"<AppendedData[^_]*_")):
+        write_vti(path, mode, points=RING)
+        content = path.read_bytes()
+        start = re.search(before, content)
+        for words, message in (((1, 2**32 - 1), "decompression bomb"), ((2**31, 1), "2147483648 compressed blocks")):
+            header = base64.b64encode(np.array((*words, 720), "<u4").tobytes())
+            path.write_bytes(content[: start.end()] + header + content[start.end() + 16 :])
+            with pytest.raises(ReadError, match=message):
+                tk.load(path)
 
 
 def test_nrrd_takes_space_directions(tmp_path: Path) -> None:

@@ -79,8 +79,8 @@ def from_voxels(
 
     Args:
         volume: (X, Y, Z) tensor or array of any real type, which is not copied where its type allows that, and of which
-            further axes of length one are left out; a path (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5, or the
-            folder of a DICOM series, or of TIFF slices, which are stacked along the first axis); or an image of
+            further axes of length one are left out; a path (.npy .npz .nii .nrrd .tif .mha .dcm .zarr .h5 .vti, or
+            the folder of a DICOM series, or of TIFF slices, which are stacked along the first axis); or an image of
             nibabel, SimpleITK, MONAI or xarray. An array of zarr, h5py, Dask or TensorStore, or a `numpy.memmap`, is
             read block by block if it is large.
         spacing: size of a voxel along each axis of the array, one number or three; by default the file's own, else 1.
@@ -95,7 +95,7 @@ def from_voxels(
             without starts are not seen, and the samples grow uneven: leave starts out now and then.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
         generator: source of randomness; a seed is drawn from it at once. Seed 0 if None.
-        dataset: path of the array in a zarr group or HDF5 file that holds several.
+        dataset: path of the array in a zarr group, HDF5 or VTK file that holds several.
         axis: name or number of the axis along which `channel` is chosen, such as "t". Arrays of xarray, zarr, OME-Zarr
             and HDF5 may name their axes; by default the one that is named "c" or "channel".
         channel: which of several channels, or times, of an array with a fourth axis is the volume, from 0 on.

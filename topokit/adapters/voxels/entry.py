@@ -48,6 +48,11 @@ def _is_metaimage(path: Path, start: bytes) -> bool:
     return is_image and b"DimSize" in start and b"ElementDataFile" in start
 
 
+def _is_vti(path: Path, start: bytes) -> bool:
+    """Whether this is XML of VTK with an image in it."""
+    return re.search(rb"<VTKFile\b[^>]*\btype=[\"']ImageData[\"']", start[:4096]) is not None
+
+
 def _is_dicom(folder: Path, start: bytes) -> bool:
     """Whether this is DICOM, or a folder of whose first files one is; a meta.json or an unreadable one is another's."""
     if not folder.is_dir():
@@ -103,6 +108,7 @@ FORMATS = (
     ),
     Format("TIFF slices", (), _is_slices, f"{_HERE}.tiff:read_slices", requires=("tifffile",)),
     Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", ("zarr",)),
+    Format("VTK", (".vti",), _is_vti, None, f"{_HERE}.vti:vti_volume", ("vtkmodules",)),
     Format("DICOM", (".dcm",), _is_dicom, _ITK, requires=("SimpleITK",)),
     Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires=("SimpleITK",)),
     Format(
@@ -119,7 +125,7 @@ VOXELS = Adapter(
         *("nibabel.spatialimages.SpatialImage", "SimpleITK.Image", "monai.data.MetaTensor", "xarray.DataArray"),
         *("zarr.Array", "h5py.Dataset", "dask.array.Array"),
     ),
-    extra="topokit[volumes]",
+    extra="topokit[cluster,volumes,vti]",
     suffix_requires=requirements_of(FORMATS),
     opener="topokit.adapters.voxels.adapter:from_voxels",
     addresses=ADDRESSES,

@@ -58,7 +58,7 @@ def stored_volume(volume: object, entry: Entry = ALL) -> StoredVolume | None:
         found = stored_array(volume, entry)
     if entry.dataset is not None and (found is None or isinstance(found, MappedVolume)):
         named = Option("dataset", repr(entry.dataset))
-        raise InputError(named, " names an array in a zarr group or HDF5 file; this is neither.")
+        raise InputError(named, " names an array in a zarr group, HDF5 or VTK file; this is none of them.")
     return found
 
 
@@ -103,7 +103,7 @@ def zarr_volume(path: Path | str, entry: Entry) -> StoredVolume:
             }
             shapes = {name: one.shape for name, one in arrays.items()}
             names, levels = _levels(found)
-            chosen = _chosen(path, shapes, entry._replace(dataset=entry.dataset or next(iter(levels), None)))
+            chosen = chosen_array(path, shapes, entry._replace(dataset=entry.dataset or next(iter(levels), None)))
             names = names if chosen in levels else ()
             found, placement = arrays[chosen], levels.get(chosen)
         if isinstance(path, str):
@@ -167,14 +167,14 @@ def hdf_volume(path: Path, entry: Entry) -> StoredVolume:
     with reading(path, "h5py", LookupError, RuntimeError):
         file = h5py.File(path, "r")  # stays open as long as the volume needs it
         file.visititems(note)
-        found = file[_chosen(path, shapes, entry)]
+        found = file[chosen_array(path, shapes, entry)]
         check_hdf(path, found)
         sizes = found.attrs.get("element_size_um")  # as ilastik and its kin write it
     told = sizes is not None and len(sizes) == 3
     return HdfVolume(found, path.name, Placement(_triple(sizes), unit="µm") if told else None, entry)
 
 
-def _chosen(path: Path | str, shapes: dict[str, tuple[int, ...]], entry: Entry) -> str:
+def chosen_array(path: Path | str, shapes: dict[str, tuple[int, ...]], entry: Entry) -> str:
     """The path of the array that is wanted, or of the only volume."""
     dataset = entry.dataset
     if dataset is not None and dataset.strip("/") in shapes:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from topokit.core.grid.boxes import count_periodic
+from topokit.core.blocks.periodic import count_periodic
 from topokit.core.grid.minkowski import cube_counts, euler_of
 
 _SIDE = 48  # cells of a volume along an axis; it has one voxel more

@@ -23,6 +23,7 @@ from dask.distributed import Client, LocalCluster
 from numpy.typing import NDArray
 
 import topokit as tk
+from topokit.adapters.voxels.box import Ends
 from topokit.adapters.voxels.counting import BlockCount, Solid
 from topokit.adapters.voxels.stored import IndexedVolume
 from topokit.core.blocks.division import Box, Division
@@ -115,7 +116,7 @@ def measure(path: Path, n_workers: int, block: int) -> None:
 
 def warm_up() -> None:
     """Load what counting needs into a worker."""
-    work = BlockCount(Solid(0, (), 26), (4, 4, 4))
+    work = BlockCount(Solid(0, (), 26), (4, 4, 4), Ends())
     halves = [work.count(np.ones((2, 4, 4), np.uint8), ((start, start + 2), (0, 4), (0, 4))) for start in (0, 2)]
     from topokit.adapters.voxels.counting import joined
 

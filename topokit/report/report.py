@@ -9,8 +9,8 @@ from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from topokit.core.blocks.periodic import PeriodicSolid
 from topokit.core.components import CountedComponents, SurfaceComponent
-from topokit.core.grid.boxes import PeriodicSolid
 from topokit.core.grid.minkowski import MinkowskiNumbers
 from topokit.core.grid.placement import Placement
 from topokit.core.loops import BoundaryLoop, width_of

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.box import Box, Edges, cut_out_answer, periodic_shape
+from topokit.adapters.voxels.box import Edges, Ends, cut_out_answer, periodic_answer, periodic_shape
 from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES, VOXELS
 from topokit.adapters.voxels.field import Labels, VoxelField, listed
@@ -24,12 +24,15 @@ from topokit.adapters.voxels.medical import image_of
 from topokit.adapters.voxels.samples import volume_samples
 from topokit.adapters.voxels.stored import ALL, Entry, axis_names, volume_index
 from topokit.adapters.voxels.stored_files import stored_volume
+from topokit.core.arrays import Booleans
+from topokit.core.blocks.part import Periodic
+from topokit.core.blocks.periodic import count_periodic
 from topokit.core.blocks.whole import CountedVolume, count_solid
 from topokit.core.components import Corner
 from topokit.core.draws import check_sample_count, deferred_seed
-from topokit.core.grid.boxes import Periodic
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity, comparable
 from topokit.core.grid.grid import Spacing
+from topokit.core.grid.minkowski import cube_counts
 from topokit.core.grid.placement import Index, Placement
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError, Option
@@ -114,7 +117,7 @@ def from_voxels(
         ReadError: if the file is missing or malformed.
         MissingDependencyError: if the file's reader is not installed.
         InputError: on wrong shapes, types, spacing, origin, level, label or connectivity, if a level is needed, or if
-            no voxel is inside; if a volume that is periodic or cut out is to be counted block by block.
+            no voxel is inside.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -129,19 +132,15 @@ def from_voxels(
     labels = as_labels(label)
     check_choice(level, labels)
     positions = None if starts is None else as_positions(starts, "starts")
-    box = Box.of(periodic, edges)
+    ends = Ends.of(periodic, edges)
     entry = Entry(dataset, axis, channel)
     if (blocks := blocks_of(volume, entry, block_voxels, client)) is not None:
-        if box != Box():
-            raise InputError("volumes that are counted block by block can be neither periodic nor cut out.")
-        place = placed(blocks.volume.placement, spacing, origin)
-        return shape_in_blocks(
-            blocks, place, place.grid(blocks.volume.shape), Solid(level, labels, connectivity), n_neighbors
-        )
+        place, solid = placed(blocks.volume.placement, spacing, origin), Solid(level, labels, connectivity)
+        return shape_in_blocks(blocks, place, place.grid(blocks.volume.shape), solid, n_neighbors, ends)
     name, values, found = open_volume(volume, entry)
     sampling = Sampling(n_samples, deferred_seed(generator), positions, n_neighbors)
     place, solid = placed(found, spacing, origin), Solid(level, labels, connectivity)
-    return shape_in_memory(name, values, place, solid, sampling, box=box)
+    return shape_in_memory(name, values, place, solid, sampling, ends=ends)
 
 
 class Sampling(NamedTuple):
@@ -160,7 +159,7 @@ def shape_in_memory(
     solid: Solid,
     sampling: Sampling,
     first: Index = (0, 0, 0),
-    box: Box | None = None,
+    ends: Ends | None = None,
 ) -> Shape:
     """The shape of a volume in memory, or of a box of it.
 
@@ -171,23 +170,34 @@ def shape_in_memory(
         solid: what is inside.
         sampling: how to sample it.
         first: index in the whole volume of the first of the values.
-        box: what there is at its ends; background if None.
+        ends: what there is at its ends; background if None.
     """
-    box = Box() if box is None else box
+    ends = ends or Ends()
     seen = solid.seen(values)
     notes = solid.check(seen)
     level = solid.level
     if level is None:
         level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
     field = VoxelField(values, level, solid.labels, placement.grid(values.shape, first), solid.connectivity)
-    if box.is_periodic:
-        return periodic_shape(name, field, placement, box, notes)
+
+    def inside() -> Booleans:
+        return field.is_inside(field.volume).cpu().numpy()
+
+    def count_torus() -> CountedAnswer:
+        started = time.perf_counter()
+        found = count_periodic(inside(), field.connectivity, ends.periodic)
+        return periodic_answer(found, field.connectivity, ends.periodic, placement, time.perf_counter() - started)
 
     def count() -> CountedAnswer:
         answer = counted_answer(
             lambda: count_solid(field.volume, field.is_inside, field.connectivity, field.grid), field, placement
         )
-        return cut_out_answer(answer, field) if box.edges == "cut-out" else answer
+        if ends.edges == "cut-out":
+            return cut_out_answer(answer, cube_counts(inside()), field.connectivity, field.grid)
+        return answer
+
+    if ends.is_periodic:
+        return periodic_shape(name, count_torus, notes)
 
     return sampled_shape(name, field, count, sampling, notes)
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import prod
 from typing import Any, Literal, NoReturn, get_args
 
-from topokit.adapters.voxels.field import VoxelField
+from topokit.core.arrays import Integers
+from topokit.core.blocks.part import Periodic
+from topokit.core.blocks.periodic import PeriodicSolid
 from topokit.core.components import CountedComponents
-from topokit.core.grid.boxes import Periodic, count_periodic
 from topokit.core.grid.euler import dual_connectivity
-from topokit.core.grid.minkowski import cube_counts, minkowski_numbers
+from topokit.core.grid.grid import Grid
+from topokit.core.grid.minkowski import minkowski_numbers
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, NoSamplesError
 from topokit.report.report import CountedAnswer, Evidence
@@ -23,7 +25,7 @@ Edges = Literal["solid", "cut-out"]
 
 
 @dataclass(frozen=True)
-class Box:
+class Ends:
     """What there is at the ends of a volume.
 
     Attributes:
@@ -35,8 +37,8 @@ class Box:
     edges: Edges = "solid"
 
     @classmethod
-    def of(cls, periodic: Any, edges: Any) -> Box:
-        """The box of the arguments of `from_voxels`, or an `InputError`."""
+    def of(cls, periodic: Any, edges: Any) -> Ends:
+        """What the arguments of `from_voxels` say, or an `InputError`."""
         axes = (periodic,) * 3 if isinstance(periodic, bool) else tuple(periodic)
         if len(axes) != 3 or not all(isinstance(axis, bool) for axis in axes):
             raise InputError(f"periodic must be True, False or three of these, got {periodic!r}.")
@@ -52,48 +54,68 @@ class Box:
         return any(self.periodic)
 
 
-def periodic_shape(name: str, field: VoxelField, placement: Placement, box: Box, notes: tuple[str, ...]) -> Shape:
-    """The shape of a volume that is periodic along some axes; it has a report only."""
+def periodic_shape(name: str, count: Callable[[], CountedAnswer], notes: tuple[str, ...] = ()) -> Shape:
+    """The shape of a volume that is periodic along some axes, given how it is counted; it has a report only."""
 
     def refuse() -> NoReturn:
         raise NoSamplesError(f"{name} is periodic, so it has a report, but no samples and no surface.")
 
-    return Shape(refuse, lambda: _periodic_answer(field, placement, box), surface=refuse, name=name, notes=notes)
+    return Shape(refuse, count, surface=refuse, name=name, notes=notes)
 
 
-def _periodic_answer(field: VoxelField, placement: Placement, box: Box) -> CountedAnswer:
-    started = time.perf_counter()
-    connectivity, inside = field.connectivity, field.is_inside(field.volume).cpu().numpy()
-    found = count_periodic(inside, connectivity, box.periodic)
-    along = " and ".join(str(axis) for axis in range(3) if box.periodic[axis])
+def periodic_answer(
+    found: PeriodicSolid,
+    connectivity: int,
+    periodic: Periodic,
+    placement: Placement,
+    seconds: float,
+    notes: tuple[str, ...] = (),
+) -> CountedAnswer:
+    """The answer of a volume that is periodic along some axes.
+
+    Args:
+        found: what was counted.
+        connectivity: 6 or 26, that of the solid.
+        periodic: along which axes the last layer touches the first.
+        placement: where the voxels are.
+        seconds: time the count took.
+        notes: sentences about the values.
+    """
+    along = " and ".join(str(axis) for axis in range(3) if periodic[axis])
+    minkowski = minkowski_numbers(found.cubes, connectivity, placement.spacing)
+    n_inside = round(minkowski.volume / prod(placement.spacing))
     reason = (
         f"Exact with {connectivity}-connected foreground and {dual_connectivity(connectivity)}-connected background, "
-        f"periodic along axis {along}: {plural(int(inside.sum()), 'voxel')} with χ = {found.euler}, bounded by "
+        f"periodic along axis {along}: {plural(n_inside, 'voxel')} with χ = {found.euler}, bounded by "
         f"{plural(found.n_surfaces, 'closed surface')} of genus {found.genus} in all. Loops around the box are "
         "tunnels, and sheets across it add cavities."
     )
     return CountedAnswer(
-        evidence=Evidence(
-            "count of cells in a periodic box", 2.0 * found.euler, 2 * found.euler, time.perf_counter() - started
-        ),
+        evidence=Evidence("count of cells in a periodic box", 2.0 * found.euler, 2 * found.euler, seconds),
         components=CountedComponents.none(),
         closed=True,
         boundary_loops=0,
         verdict=volume_verdict(),
-        reasons=(reason,),
+        reasons=(reason, *notes),
         placement=placement,
         torus=found,
-        minkowski=minkowski_numbers(found.cubes, connectivity, field.grid.spacing),
+        minkowski=minkowski,
     )
 
 
-def cut_out_answer(answer: CountedAnswer, field: VoxelField) -> CountedAnswer:
-    """The answer with what the volume contributes to χ of the solid that it was cut from."""
-    cubes = cube_counts(field.is_inside(field.volume).cpu().numpy())
-    found = minkowski_numbers(cubes, field.connectivity, field.grid.spacing)
-    sides = [(n - 1) * step for n, step in zip(field.grid.shape, field.grid.spacing, strict=True)]
+def cut_out_answer(answer: CountedAnswer, cubes: Integers, connectivity: int, grid: Grid) -> CountedAnswer:
+    """The answer with what the volume contributes to χ of the solid that it was cut from.
+
+    Args:
+        answer: of the volume as a solid of its own.
+        cubes: (256,) of the volume without background around it; see `cube_counts`.
+        connectivity: 6 or 26, that of the solid.
+        grid: of the volume.
+    """
+    found = minkowski_numbers(cubes, connectivity, grid.spacing)
+    sides = [(n - 1) * step for n, step in zip(grid.shape, grid.spacing, strict=True)]
     if not prod(sides):
-        raise InputError(f"a box of shape {field.grid.shape} cut from a larger body needs two layers along each axis.")
+        raise InputError(f"a box of shape {grid.shape} cut from a larger body needs two layers along each axis.")
     density = (1 - found.euler) / prod(sides)
     reason = (
         f"As a box cut from a larger body it contributes Δχ = {found.euler:g} to χ of the solid: a connectivity "

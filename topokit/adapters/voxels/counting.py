@@ -12,10 +12,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.adapters.voxels.box import Ends, cut_out_answer, periodic_answer
 from topokit.adapters.voxels.field import SLAB, Labels, listed
 from topokit.adapters.voxels.stored import StoredVolume
-from topokit.core.blocks.division import Box, Division
+from topokit.core.blocks.cube_parts import CubePart, count_cube_part, join_cube_parts
+from topokit.core.blocks.division import Box, Division, Triple
 from topokit.core.blocks.part import Part, count_box, join_parts
+from topokit.core.blocks.periodic import periodic_solid
 from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
@@ -58,10 +61,11 @@ class Seen(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What was found in a box."""
+    """What was found in a box; the cubes only where the ends of the volume are no ends."""
 
     part: Part
     seen: Seen
+    cubes: CubePart | None = None
 
 
 @dataclass(frozen=True)
@@ -142,11 +146,13 @@ class BlockCount:
 
     Attributes:
         solid: what is inside.
-        shape: of the volume; beyond there is background.
+        shape: of the volume.
+        ends: what there is beyond.
     """
 
     solid: Solid
-    shape: tuple[int, int, int]
+    shape: Triple
+    ends: Ends
 
     def count(self, source: Any, block: Box) -> Found:
         """What is found in a block.
@@ -156,7 +162,12 @@ class BlockCount:
             block: where it is in the volume.
         """
         inside, seen = self.solid.mark(values_of(source))
-        return Found(count_box(inside, block, self.shape, self.solid.connectivity), seen)
+        periodic, is_cut_out = self.ends.periodic, self.ends.edges == "cut-out"
+        part = count_box(inside, block, self.shape, self.solid.connectivity, periodic)
+        if not is_cut_out and not self.ends.is_periodic:
+            return Found(part, seen)
+        has_layer = [not wraps and not is_cut_out for wraps in periodic]
+        return Found(part, seen, count_cube_part(inside, block, self.shape, has_layer))
 
 
 def values_of(source: Any) -> NDArray[Any]:
@@ -166,33 +177,50 @@ def values_of(source: Any) -> NDArray[Any]:
 
 def joined(one: Found, other: Found, axis: int) -> Found:
     """What was found in two boxes side by side."""
-    return Found(join_parts(one.part, other.part, axis), one.seen.joined(other.seen))
+    cubes = None if one.cubes is None or other.cubes is None else join_cube_parts(one.cubes, other.cubes, axis)
+    return Found(join_parts(one.part, other.part, axis), one.seen.joined(other.seen), cubes)
 
 
 def answer_in_blocks(
-    volume: StoredVolume, division: Division, solid: Solid, grid: Grid, placement: Placement, client: Any
+    volume: StoredVolume,
+    division: Division,
+    solid: Solid,
+    grid: Grid,
+    placement: Placement,
+    client: Any,
+    ends: Ends,
 ) -> CountedAnswer:
     """The counted answer of a volume.
 
     Args:
-        volume: where its values are.
+        volume: where its values are; that of a periodic one is longer, see `LongerVolume`.
         division: its blocks, each of which is read once.
         solid: what is inside.
         grid: of the volume.
         placement: of the whole volume that this one may be a box of.
         client: of a Dask cluster, or None for this process, one block after the other.
+        ends: what there is at the ends of the volume.
 
     Raises:
         InputError: if no voxel is inside, or a level is needed.
     """
     started = time.perf_counter()
-    count = BlockCount(solid, grid.shape).count
-    found = reduced(division, volume.at, count, joined, client, without_faces)
-    counted = counted_volume(found.part, solid.connectivity, grid)
-    notes = solid.check(found.seen)
-    return volume_answer(counted, solid.connectivity, placement, time.perf_counter() - started, notes)
+    count = BlockCount(solid, volume.shape, ends).count
+    found = reduced(division, volume.at, count, joined, client, _keep if ends.is_periodic else without_faces)
+    notes, connectivity = solid.check(found.seen), solid.connectivity
+    if ends.is_periodic and found.cubes is not None:
+        torus = periodic_solid(found.part, found.cubes.counts, connectivity, ends.periodic)
+        return periodic_answer(torus, connectivity, ends.periodic, placement, time.perf_counter() - started, notes)
+    counted = counted_volume(found.part, connectivity, grid)
+    answer = volume_answer(counted, connectivity, placement, time.perf_counter() - started, notes)
+    return answer if found.cubes is None else cut_out_answer(answer, found.cubes.counts, connectivity, grid)
 
 
 def without_faces(found: Found) -> Found:
     """What was found in a whole volume, without what only joining needs."""
-    return Found(found.part.without_faces(), found.seen)
+    return found._replace(part=found.part.without_faces())
+
+
+def _keep(found: Found) -> Found:
+    """What was found in a periodic volume: its faces are still to be joined."""
+    return found

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from topokit.adapters.voxels.box import Ends, periodic_shape
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks, values_of
 from topokit.adapters.voxels.levels import curve_in_blocks
-from topokit.adapters.voxels.stored import DaskVolume, Entry, PartOfVolume, StoredVolume
+from topokit.adapters.voxels.stored import DaskVolume, Entry, LongerVolume, PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.reduction import active_client, reduced
@@ -104,7 +105,9 @@ def _joined_boxes(one: dict[int, LabelBox], other: dict[int, LabelBox], axis: in
     return joined_boxes(one, other)
 
 
-def shape_in_blocks(blocks: Blocks, placement: Placement, grid: Grid, solid: Solid, n_neighbors: int | None) -> Shape:
+def shape_in_blocks(
+    blocks: Blocks, placement: Placement, grid: Grid, solid: Solid, n_neighbors: int | None, ends: Ends | None = None
+) -> Shape:
     """The shape of a volume whose report is counted block by block.
 
     Args:
@@ -113,8 +116,9 @@ def shape_in_blocks(blocks: Blocks, placement: Placement, grid: Grid, solid: Sol
         grid: of this one, which may be a box of that.
         solid: what is inside.
         n_neighbors: as for `from_voxels`.
+        ends: what there is at the ends of the volume; background if None.
     """
-    volume = blocks.volume
+    volume, ends = blocks.volume, ends or Ends()
 
     def refuse() -> Any:
         raise NoSamplesError(
@@ -122,9 +126,15 @@ def shape_in_blocks(blocks: Blocks, placement: Placement, grid: Grid, solid: Sol
             "Open a part of it in memory: from_voxels(volume[:256, :256, :256])."
         )
 
+    if ends.is_periodic:
+        longer = LongerVolume(volume, ends.periodic)
+        division = Division.of(longer.chunks, blocks.most_voxels)
+        return periodic_shape(
+            volume.name, lambda: answer_in_blocks(longer, division, solid, grid, placement, blocks.client, ends)
+        )
     return Shape(
         refuse,
-        lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client),
+        lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client, ends),
         surface=refuse,
         curve=lambda levels: curve_in_blocks(volume, blocks.division, solid, blocks.client, levels),
         name=volume.name,

@@ -8,7 +8,7 @@ for 8192³, instead of milliseconds.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import accumulate, pairwise
 from math import prod
 from pathlib import Path
@@ -19,6 +19,7 @@ from numpy.typing import DTypeLike, NDArray
 from torch import Tensor
 
 from topokit.core.blocks.division import Box
+from topokit.core.blocks.part import Periodic
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_tensor
@@ -286,6 +287,40 @@ class PartOfVolume(StoredVolume):
     def _moved(self, box: Box) -> Box:
         x, y, z = ((start + first, stop + first) for (start, stop), first in zip(box, self._first, strict=True))
         return x, y, z
+
+
+class LongerVolume(StoredVolume):
+    """A periodic volume with its first layer once more after the last one of each periodic axis."""
+
+    def __init__(self, volume: StoredVolume, periodic: Periodic) -> None:
+        """Args: the volume, and along which axes its last layer touches the first."""
+        shape = [n + wraps for n, wraps in zip(volume.shape, periodic, strict=True)]
+        chunks = tuple(
+            (*lengths[:-1], lengths[-1] + wraps) for lengths, wraps in zip(volume.chunks, periodic, strict=True)
+        )
+        super().__init__(volume.name, shape, volume.dtype, chunks)
+        self.placement = volume.placement
+        self._volume = volume
+
+    def at(self, box: Box) -> Any:
+        """See `StoredVolume`."""
+        is_longer = any(stop > n for (_, stop), n in zip(box, self._volume.shape, strict=True))
+        if is_longer and not isinstance(self._volume, DaskVolume | MemoryVolume):
+            return super().at(box)
+        return self._joined(box, self._volume.at)
+
+    def read(self, box: Box) -> Values:
+        """See `StoredVolume`."""
+        return self._joined(box, self._volume.read)
+
+    def _joined(self, box: Box, part: Callable[[Box], Any]) -> Any:
+        """The values in a box, from what there is in boxes of the volume."""
+        for axis, ((start, stop), n) in enumerate(zip(box, self._volume.shape, strict=True)):
+            if stop > n:
+                sides = [(start, n)] * (start < n) + [(0, stop - n)]
+                boxes = ((*box[:axis], side, *box[axis + 1 :]) for side in sides)
+                return np.concatenate([self._joined(one, part) for one in boxes], axis)  # type: ignore[arg-type]
+        return part(box)
 
 
 def stored_array(volume: object, entry: Entry = ALL, names: Sequence[str] = ()) -> StoredVolume | None:

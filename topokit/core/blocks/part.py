@@ -19,6 +19,10 @@ from topokit.core.blocks.planes import gather_nodes, join_planes, label_plane, n
 from topokit.errors import InputError
 
 Labels = NDArray[np.int32]
+Periodic = tuple[bool, bool, bool]
+"""For each axis, whether the last layer of a box touches the first."""
+
+NOT_PERIODIC: Periodic = (False, False, False)
 
 NODE_COLUMNS = ("size", "first", "low x", "low y", "low z", "high x", "high y", "high z")
 """Of a region: number of voxels, flat index of the first one in the volume, and the box (first and last + 1)."""
@@ -116,7 +120,7 @@ def count_part(is_six: Booleans, place: Triple, shape: Triple, labels: Labels | 
     return part
 
 
-def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> Part:
+def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int, periodic: Periodic = NOT_PERIODIC) -> Part:
     """The part of one block of a volume, with the layer of background beyond each face that it shares with the volume.
 
     Args:
@@ -124,25 +128,31 @@ def count_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> P
         box: of the block in the volume, first and last + 1 voxel along each axis.
         shape: of the volume.
         connectivity: 6 or 26, that of the solid.
+        periodic: axes without such layers.
     """
-    return count_part(*_with_background(inside, box, shape, connectivity))
+    return count_part(*_with_background(inside, box, shape, connectivity, periodic))
 
 
 def count_labeled_box(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> tuple[Part, Labels]:
     """As `count_box`; with the labels of the block and of that layer, positive in the 6-connected phase."""
-    is_six, place, whole = _with_background(inside, box, shape, connectivity)
+    is_six, place, whole = _with_background(inside, box, shape, connectivity, NOT_PERIODIC)
     labels = np.empty(is_six.shape, np.int32)
     return count_part(is_six, place, whole, labels), labels
 
 
-def _with_background(inside: Booleans, box: Box, shape: Triple, connectivity: int) -> tuple[Booleans, Triple, Triple]:
-    """A block with its layer of background, its place, and the shape of the volume with that layer."""
-    x, y, z = (start + (start > 0) for start, _ in box)
-    n_x, n_y, n_z = (n + 2 for n in shape)
-    ends = [stop + 1 + (stop == n) for (_, stop), n in zip(box, shape, strict=True)]
+def _with_background(
+    inside: Booleans, box: Box, shape: Triple, connectivity: int, periodic: Periodic
+) -> tuple[Booleans, Triple, Triple]:
+    """A block with its layers of background, its place, and the shape of the volume with them."""
+    layers = [int(not wraps) for wraps in periodic]  # at either end of the volume
+    befores = [layer * (start == 0) for layer, (start, _) in zip(layers, box, strict=True)]
+    afters = [layer * (stop == n) for layer, (_, stop), n in zip(layers, box, shape, strict=True)]
+    x, y, z = (start + layer - before for (start, _), layer, before in zip(box, layers, befores, strict=True))
+    n_x, n_y, n_z = (n + 2 * layer for n, layer in zip(shape, layers, strict=True))
     background_is_six = connectivity == 26
-    is_six = np.full((ends[0] - x, ends[1] - y, ends[2] - z), background_is_six)
-    within = is_six[tuple(slice(start == 0, (start == 0) + stop - start) for start, stop in box)]
+    sides = zip(befores, inside.shape, afters, strict=True)
+    is_six = np.full([before + n + after for before, n, after in sides], background_is_six)
+    within = is_six[tuple(slice(before, before + n) for before, n in zip(befores, inside.shape, strict=True))]
     np.not_equal(inside, background_is_six, out=within)
     return is_six, (x, y, z), (n_x, n_y, n_z)
 

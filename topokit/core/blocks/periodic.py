@@ -6,7 +6,9 @@ axes, winding ranks r(K), r(C) and r of both together, and b3 = 1 only if K is a
 
     b2(K) = b0(C) − 1 + p − r(C),    b1 = b0 + b2 − b3 − χ,    components of the surface = b0(K) + b0(C) − 1 + p − r
 
-by Alexander duality and the Mayer–Vietoris sequence, with rational coefficients.
+by Alexander duality and the Mayer–Vietoris sequence, with rational coefficients. The box is counted with its first
+layer once more after its last one, so that all neighbors are beside each other. These two layers are the same: a region
+with a voxel in the last one is joined to that with the same voxel in the first one, one period further.
 
 In a box cut out of a larger body voxels are points of a larger lattice. By its cubes alone (see `minkowski`), a cell
 counts half if it lies in the first or last layer of an axis, a quarter in two of these, an eighth in three. So boxes
@@ -22,17 +24,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from topokit.core.arrays import Booleans, Integers
-from topokit.core.grid.euler import dual_connectivity
-from topokit.core.grid.minkowski import cube_counts, euler_of
-
-Periodic = tuple[bool, bool, bool]
+from topokit.core.blocks.cube_parts import count_cube_part
+from topokit.core.blocks.division import Box
+from topokit.core.blocks.part import Part, Periodic, count_box
+from topokit.core.grid.minkowski import euler_of
 
 
 @dataclass(frozen=True)
@@ -65,11 +64,27 @@ def count_periodic(inside: Booleans, connectivity: int, periodic: Periodic) -> P
         connectivity: 6 or 26, that of the solid.
         periodic: along which axes the last layer touches the first.
     """
-    box = np.pad(inside, [(0 if wraps else 1,) * 2 for wraps in periodic])
-    cubes = cube_counts(np.pad(box, [(0, int(wraps)) for wraps in periodic], mode="wrap"))
+    longer = np.pad(inside, [(0, int(wraps)) for wraps in periodic], mode="wrap")
+    x, y, z = longer.shape
+    box: Box = ((0, x), (0, y), (0, z))
+    part = count_box(longer, box, longer.shape, connectivity, periodic)
+    has_layer = [not wraps for wraps in periodic]
+    return periodic_solid(part, count_cube_part(longer, box, longer.shape, has_layer).counts, connectivity, periodic)
+
+
+def periodic_solid(part: Part, cubes: Integers, connectivity: int, periodic: Periodic) -> PeriodicSolid:
+    """What the part of a whole periodic box says about it.
+
+    Args:
+        part: of the box with its first layer once more after the last one of periodic axes, and with one layer of
+            background at both ends of the others.
+        cubes: (256,) of the same; see `cube_counts`.
+        connectivity: 6 or 26, that of the solid.
+        periodic: along which axes the last layer touches the first.
+    """
+    pieces, winding = _components(part, connectivity == 6, periodic)
+    regions, around = _components(part, connectivity == 26, periodic)
     euler = round(euler_of(cubes, connectivity))
-    pieces, winding = _components(box, connectivity, periodic)
-    regions, around = _components(~box, dual_connectivity(connectivity), periodic)
     if regions == 0:
         return PeriodicSolid(0, (1, 3, 3), 0, cubes)
     cavities = regions - 1 + sum(periodic) - _rank(around)
@@ -78,14 +93,12 @@ def count_periodic(inside: Booleans, connectivity: int, periodic: Periodic) -> P
     return PeriodicSolid(euler, betti, n_surfaces, cubes)
 
 
-def _components(inside: Booleans, connectivity: int, periodic: Periodic) -> tuple[int, Integers]:
-    """Components in a periodic box, and how loops in them wind around its axes: vectors (L, 3) that span all."""
-    is_wide = connectivity == 26
-    labels, n_labels = ndimage.label(inside, structure=np.ones((3, 3, 3)) if is_wide else None)
-    root = list(range(n_labels + 1))
-    offset = np.zeros((n_labels + 1, 3), np.int64)  # of a label from its root, in periods
-    winding, n_components = [np.zeros(3, np.int64)], n_labels
-    for one, other, shift in _joints(labels, is_wide, periodic):
+def _components(part: Part, is_six: bool, periodic: Periodic) -> tuple[int, Integers]:
+    """Components of a phase in a periodic box, and how loops in them wind around its axes: vectors (L, 3) span all."""
+    root, n_components = list(range(len(part.nodes))), int((part.is_six == is_six).sum())
+    offset = np.zeros((len(part.nodes), 3), np.int64)  # of a region from its root, in periods
+    winding = [np.zeros(3, np.int64)]
+    for one, other, shift in _joints(part, is_six, periodic):
         (first, before), (second, after) = _found(root, offset, one), _found(root, offset, other)
         around = before + shift - after
         if first != second:
@@ -96,38 +109,24 @@ def _components(inside: Booleans, connectivity: int, periodic: Periodic) -> tupl
     return n_components, np.unique(winding, axis=0)
 
 
-def _found(root: list[int], offset: Integers, label: int) -> tuple[int, Integers]:
-    """The root of a label, and how many periods the label is away from it; the way there is shortened."""
+def _found(root: list[int], offset: Integers, node: int) -> tuple[int, Integers]:
+    """The root of a region, and how many periods the region is away from it; the way there is shortened."""
     periods = np.zeros(3, np.int64)
-    while root[label] != label:
-        above = root[label]
+    while root[node] != node:
+        above = root[node]
         if root[above] != above:
-            root[label], offset[label] = root[above], offset[label] + offset[above]
-        periods += offset[label]
-        label = root[label]
-    return label, periods
+            root[node], offset[node] = root[above], offset[node] + offset[above]
+        periods += offset[node]
+        node = root[node]
+    return node, periods
 
 
-def _joints(labels: NDArray[np.int32], is_wide: bool, periodic: Periodic) -> Iterator[tuple[int, int, Integers]]:
-    """Labels that touch across the ends of periodic axes: two of them, and the periods from the first to the second."""
+def _joints(part: Part, is_six: bool, periodic: Periodic) -> Iterator[tuple[int, int, Integers]]:
+    """Regions of a phase that hold the same voxel, the first one in the last layer of an axis, and the axis."""
     for axis in (axis for axis in range(3) if periodic[axis]):
-        last = np.take(labels, -1, axis)
-        others = [other for other in range(3) if other != axis]
-        for steps in product((-1, 0, 1), repeat=2) if is_wide else ((0, 0),):
-            shift = np.zeros((2, *last.shape), np.int64)
-            first, inside = np.take(labels, 0, axis), np.ones(last.shape, bool)
-            for place, (other, step) in enumerate(zip(others, steps, strict=True)):
-                n = labels.shape[other]
-                index = np.arange(n) + step
-                first = np.take(first, index % n, place)
-                beyond = np.expand_dims(index // n, 1 - place)
-                shift[place] += beyond
-                inside &= periodic[other] | (beyond == 0)
-            pairs = np.stack((last, first, *shift))[:, inside & (last > 0) & (first > 0)]
-            for one, other, a, b in np.unique(pairs, axis=1).T.tolist():
-                periods = np.zeros(3, np.int64)
-                periods[[axis, *others]] = 1, a, b
-                yield one, other, periods
+        low, high = (labels.ravel() * (1 if is_six else -1) for labels in part.faces[axis])
+        for one, other in np.unique(np.stack((high, low))[:, low > 0], axis=1).T.tolist():
+            yield one - 1, other - 1, np.eye(3, dtype=np.int64)[axis]
 
 
 def _rank(vectors: Integers) -> int:

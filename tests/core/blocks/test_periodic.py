@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 
 import topokit as tk
 from topokit.cli.app import app
-from topokit.core.grid.boxes import count_periodic
+from topokit.core.blocks.periodic import count_periodic
 from topokit.core.grid.minkowski import cube_counts, minkowski_numbers
 from topokit.errors import InputError, NoSamplesError
 
@@ -85,6 +86,43 @@ def numbers(inside: np.ndarray, connectivity: int):
     return minkowski_numbers(cube_counts(inside), connectivity, (1.0, 2.0, 3.0))
 
 
+def same(one: tk.TopologyReport, other: tk.TopologyReport) -> bool:
+    names = ("solid_betti", "solid_euler", "euler", "cut_out_euler", "connectivity_density", "minkowski", "genus")
+    return all(getattr(one, name) == getattr(other, name) for name in names)
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
+def test_blocks_of_periodic_and_cut_out_volumes_are_counted_as_the_whole(connectivity: int) -> None:
+    random = np.random.default_rng(2)
+    ends = [{"periodic": axes} for axes in product((False, True), repeat=3)] + [{"edges": "cut-out"}]
+    for share, most in product((0.1, 0.4, 0.7, 1.0), (1, 8, 30, 1000)):
+        shape = random.integers(2 if most > 1 else 1, 8, 3)
+        inside = random.random(shape) < share
+        inside[0, 0, 0] = True
+        for options in ends[: None if min(shape) > 1 else 8]:
+            given = {"connectivity": connectivity, "spacing": (1.0, 2.0, 3.0), **options}
+            whole = tk.from_voxels(inside, **given).report()
+            assert same(tk.from_voxels(inside, block_voxels=most, **given).report(), whole), (shape, share, options)
+
+
+def test_stored_periodic_volumes_are_read_around_their_ends(tmp_path: Path) -> None:
+    da = pytest.importorskip("dask.array", reason="dask is not installed; make test installs it")
+    zarr = pytest.importorskip("zarr", reason="zarr is not installed; make test installs it")
+    inside = np.random.default_rng(3).random((20, 15, 11)) < 0.5
+    stored = zarr.create_array(tmp_path / "a.zarr", data=inside, chunks=(8, 8, 8))
+    np.save(tmp_path / "a.npy", inside)
+    for options in ({"periodic": (True, False, True)}, {"periodic": True}, {"edges": "cut-out"}):
+        whole = tk.from_voxels(inside, **options).report()
+        for volume in (stored, da.from_array(inside, chunks=(7, 6, 5)), np.load(tmp_path / "a.npy", mmap_mode="r")):
+            shape = tk.from_voxels(volume, block_voxels=600, **options)
+            assert same(shape.report(), whole)
+            with pytest.raises(NoSamplesError):
+                _ = shape.samples
+    labels = np.where(inside, 5, 3)
+    notes = tk.from_voxels(labels, label=(5, 9), periodic=True, block_voxels=600).report().reasons
+    assert "No voxel has the label 9." in notes
+
+
 def test_reports_speak_of_the_torus_and_of_the_larger_body() -> None:
     lattice = cells("P", 16, 1)
     shape = tk.from_voxels(lattice, periodic=True)
@@ -111,7 +149,7 @@ def test_reports_speak_of_the_torus_and_of_the_larger_body() -> None:
 def test_boxes_that_are_none_are_refused() -> None:
     inside = np.ones((4, 4, 4), bool)
     wrong = ({"periodic": (True, True)}, {"edges": "open"}, {"periodic": True, "edges": "cut-out"})
-    for options in (*wrong, {"periodic": True, "block_voxels": 8}):
+    for options in wrong:
         with pytest.raises(InputError):
             tk.from_voxels(inside, **options)
     with pytest.raises(InputError, match="two layers"):

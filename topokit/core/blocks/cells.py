@@ -60,23 +60,53 @@ def join_cells(values: NDArray[Any], cells: NDArray[Any]) -> int:
     n_x, n_y, n_z = values.shape
     flat, n_cells = cells.reshape(-1), 0
     row, layer = n_z + 2, (n_y + 2) * (n_z + 2)
+    starts = np.empty((2, n_y, n_z + 1), np.int32)  # of the runs of equal values in each row of two layers; its length
     for x in range(n_x):
         for y in range(n_y):
-            start = (x + 1) * layer + (y + 1) * row + 1
-            joined_y, joined_x = False, False  # whether the last voxel joined the same cells
-            for z in range(n_z):
-                here, value = start + z, values[x, y, z]
-                goes_on = z > 0 and values[x, y, z - 1] == value
-                flat[here] = flat[here - 1] if goes_on else here
-                n_cells += not goes_on
-                like_y = y > 0 and values[x, y - 1, z] == value
-                like_x = x > 0 and values[x - 1, y, z] == value
-                if like_y and not (goes_on and joined_y):
-                    n_cells -= _joined(flat, here, here - row)
-                if like_x and not (goes_on and joined_x):
-                    n_cells -= _joined(flat, here, here - layer)
-                joined_y, joined_x = like_y, like_x
+            own, runs, first = values[x, y], starts[x % 2, y], (x + 1) * layer + (y + 1) * row + 1
+            n_cells += _write_runs(own, first, flat, runs)
+            if y > 0:
+                n_cells -= _join_rows(own, values[x, y - 1], runs, starts[x % 2, y - 1], first, first - row, flat)
+            if x > 0:
+                n_cells -= _join_rows(own, values[x - 1, y], runs, starts[1 - x % 2, y], first, first - layer, flat)
     return n_cells
+
+
+@compiled
+def _write_runs(values: NDArray[Any], first: int, parents: NDArray[Any], starts: Labels) -> int:
+    """Let each voxel of a row stand for the first one of its run, write where runs start, and return their number."""
+    n_runs, z, n_z = 0, 0, len(values)
+    while z < n_z:
+        start, value = z, values[z]
+        while z < n_z and values[z] == value:
+            parents[first + z] = first + start
+            z += 1
+        starts[n_runs] = start
+        n_runs += 1
+    starts[n_runs] = n_z
+    return n_runs
+
+
+@compiled
+def _join_rows(
+    values: NDArray[Any],
+    others: NDArray[Any],
+    starts: Labels,
+    other_starts: Labels,
+    first: int,
+    other_first: int,
+    parents: NDArray[Any],
+) -> int:
+    """Join the runs of two rows side by side that have equal values; how often two cells became one."""
+    n_joined, one, other, n_z = 0, 0, 0, len(values)
+    while starts[one] < n_z and other_starts[other] < n_z:
+        a, b = starts[one], other_starts[other]
+        if values[a] == others[b]:
+            n_joined += _joined(parents, first + a, other_first + b)
+        stop, other_stop = starts[one + 1], other_starts[other + 1]
+        one += stop <= other_stop
+        other += other_stop <= stop
+    return n_joined
 
 
 @compiled

@@ -53,6 +53,22 @@ def test_curves_are_those_of_cubical_persistence(connectivity: int) -> None:
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
+def test_the_curve_of_euler_characteristics_alone_is_the_same(connectivity: int) -> None:
+    random = np.random.default_rng(2)
+    for number in range(20):
+        field = random.integers(0, 9, (6, 7, 8)) if number % 2 else random.normal(size=(6, 7, 8)).astype("f4")
+        levels = all_levels(field)
+        shape = tk.from_voxels(field, level=0, connectivity=connectivity)
+        whole, alone = shape.euler_curve(), shape.euler_curve(betti=False)
+        assert alone.at(levels).euler.tolist() == whole.at(levels).euler.tolist()
+        assert (alone.betti.shape, alone.lowest.tolist()) == ((len(alone.levels), 0), [whole.lowest[0]])
+        assert shape.euler_curve(5, betti=False).to_dict()["betti"] == [[]] * 5
+        blocks = tk.from_voxels(field, level=0, connectivity=connectivity, block_voxels=40)
+        found = blocks.euler_curve(levels, betti=False)
+        assert (found.levels.tolist(), found.euler.tolist()) == (levels.tolist(), whole.at(levels).euler.tolist())
+
+
+@pytest.mark.parametrize("connectivity", [6, 26])
 @pytest.mark.parametrize("kind", [bool, "u1", "i1", ">i2", "u2", "i4", "u4", "u8", "f2", "f4", "f8"])
 def test_every_type_of_values_is_counted_at_every_level(connectivity: int, kind: str) -> None:
     smooth = gaussian_filter(np.random.default_rng(1).normal(size=(9, 8, 10)), 1)

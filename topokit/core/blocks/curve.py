@@ -14,7 +14,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from topokit.core.blocks.links import (
     count_merges,
     entered_before,
     link_layer,
+    sum_changes,
 )
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.errors import InputError
@@ -47,8 +48,8 @@ class EulerCurve:
     Attributes:
         levels: (n,), ascending. The numbers of row i hold for levels[i] ≤ t < levels[i + 1].
         euler: (n,) χ of the solid, half of that of its surface.
-        betti: (n, 3) pieces, tunnels and cavities.
-        lowest: χ and Betti numbers at levels below the first one; (4,).
+        betti: (n, 3) pieces, tunnels and cavities; (n, 0) if χ alone was asked.
+        lowest: χ and Betti numbers at levels below the first one; (4,) or (1,).
         over: what the levels are.
     """
 
@@ -78,6 +79,10 @@ class EulerCurve:
         rows = np.unique(np.searchsorted(self.levels, wanted, side="right") - 1)
         return EulerCurve(self.levels[rows], self.euler[rows], self.betti[rows], self.lowest, self.over)
 
+    def without_betti(self) -> EulerCurve:
+        """χ alone, at the same levels."""
+        return replace(self, betti=self.betti[:, :0], lowest=self.lowest[:1])
+
     def range_of(self, level: float) -> tuple[float, float]:
         """The levels around a level at which all numbers are the same: from the first value up to the second.
 
@@ -105,12 +110,13 @@ def as_levels(levels: ArrayLike) -> Floats:
     return wanted
 
 
-def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY) -> EulerCurve:
+def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIVITY, betti: bool = True) -> EulerCurve:
     """χ and Betti numbers of {field > t} for every t, exact. Runs on the CPU, in 5 to 9 bytes a voxel beside the field.
 
     Args:
         field: (X, Y, Z) of any real type. NaN counts as background.
         connectivity: 6 or 26, that of the solid.
+        betti: whether to count Betti numbers, too; χ alone needs no joining of regions.
 
     Returns:
         The curve at all levels at which a number changes.
@@ -131,7 +137,11 @@ def euler_curve(field: Tensor | ArrayLike, connectivity: int = DEFAULT_CONNECTIV
         raise InputError(f"a curve needs a field (X, Y, Z) with at most 2³¹ voxels, got {values.shape}.")
     is_whole = values.dtype.kind != "f"
     tally = Tally(int(values.min()), int(values.max())) if is_whole else Tally(0, MOST_RANKS)
-    tally_changes(values, check_connectivity(connectivity) == 6, 0, tally)
+    solid_is_six = check_connectivity(connectivity) == 6
+    if not betti:
+        tally_euler(values, solid_is_six, 0, tally, 1)
+        return tally.curve().without_betti()
+    tally_changes(values, solid_is_six, 0, tally)
     return tally.curve()
 
 
@@ -254,27 +264,22 @@ class Tally:
 
     def curve(self) -> EulerCurve:
         """The sums over voxels above each level, at those levels at which one changes."""
-        levels, sums = self._listed() if self.table is None else self._tabulated(self.table)
-        euler, pieces, cavities = np.concatenate((sums, np.zeros((1, 3), np.int64))).T  # row i holds below levels[i]
-        rows = np.column_stack((euler, pieces, pieces + cavities - euler, cavities))
-        kept = np.append((rows[1:] != rows[:-1]).any(axis=1) & (levels > -np.inf), True)  # −∞ and NaN are in no solid
-        levels, rows = levels[kept[:-1]].astype(float), rows[kept]
+        values, columns, changes = self._listed() if self.table is None else self._tabulated(self.table)
+        n_levels = 1 + int(np.count_nonzero(values[1:] != values[:-1]))
+        levels, rows = np.empty(n_levels), np.empty((n_levels + 1, 4), np.int64)
+        n_levels = sum_changes(values, columns, changes, levels, rows)
+        levels, rows = levels[:n_levels][::-1], rows[: n_levels + 1][::-1]  # row i holds below level i
         return EulerCurve(levels, rows[1:, 0], rows[1:, 1:], rows[0])
 
-    def _tabulated(self, table: Integers) -> tuple[Integers, Integers]:
-        return np.arange(len(table)) + self._low, np.cumsum(table[::-1], axis=0)[::-1]
+    def _tabulated(self, table: Integers) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        values = np.repeat(np.arange(len(table)) + self._low, 3)
+        return values, np.tile(np.arange(3, dtype=np.int8), len(table)), table.ravel()
 
-    def _listed(self) -> tuple[NDArray[Any], Integers]:
+    def _listed(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         values, changes = (np.concatenate([one[part] for found in self._found for one in found]) for part in range(2))
         counts = [sum(len(found_values) for found_values, _ in found) for found in self._found]
         columns, order = np.repeat(np.arange(3, dtype=np.int8), counts), _stable_order(values)
-        values, changes, columns = values[order], changes[order], columns[order]
-        is_last = np.append(values[1:] != values[:-1], True)
-        sums = np.empty((int(is_last.sum()), 3), np.int64)
-        for column in range(3):
-            up_to = np.cumsum(np.where(columns == column, changes, 0), dtype=np.int64)[is_last]
-            sums[:, column] = up_to[-1] - np.concatenate(([0], up_to[:-1]))
-        return values[is_last], sums
+        return values[order], columns[order], changes[order]
 
 
 def _stable_order(values: NDArray[Any]) -> Integers:

@@ -222,6 +222,43 @@ def join_regions(one: Numbers, other: Numbers, n_gone: int, parents: Numbers, re
 
 
 @compiled
+def sum_changes(
+    values: NDArray[Any], columns: Bytes, changes: NDArray[Any], levels: NDArray[np.float64], rows: NDArray[np.int64]
+) -> int:
+    """Write the values above −∞ at which a sum changes, from the highest one down, and the sums above each.
+
+    Args:
+        values: (N,) ascending.
+        columns: (N,) what changes there as voxels enter the solid: χ (0), pieces (1) or cavities (2).
+        changes: (N,) by how much.
+        levels: with room for all distinct values.
+        rows: one more row, where χ, pieces, tunnels and cavities from a level on are written, and below the last one.
+
+    Returns:
+        How many levels are written.
+    """
+    n_levels, k = 0, len(values) - 1
+    euler, pieces, cavities = 0, 0, 0
+    while k >= 0 and values[k] > -np.inf:
+        value = values[k]
+        of_euler, of_pieces, of_cavities = 0, 0, 0
+        while k >= 0 and values[k] == value:
+            of_euler += changes[k] if columns[k] == 0 else 0
+            of_pieces += changes[k] if columns[k] == 1 else 0
+            of_cavities += changes[k] if columns[k] == 2 else 0
+            k -= 1
+        if of_euler != 0 or of_pieces != 0 or of_cavities != 0:
+            levels[n_levels] = value
+            rows[n_levels, 0], rows[n_levels, 1] = euler, pieces
+            rows[n_levels, 2], rows[n_levels, 3] = pieces + cavities - euler, cavities
+            n_levels += 1
+        euler, pieces, cavities = euler + of_euler, pieces + of_pieces, cavities + of_cavities
+    rows[n_levels, 0], rows[n_levels, 1] = euler, pieces
+    rows[n_levels, 2], rows[n_levels, 3] = pieces + cavities - euler, cavities
+    return n_levels
+
+
+@compiled
 def _index(mask: int) -> int:
     """1 − edges + squares − cubes that a voxel completes, of a mask with the voxel itself."""
     along_z = mask & mask >> 1

@@ -31,7 +31,7 @@ CORE_FLOORS = [
     | {"persistence", "separation"},
     {"local", "grid"},
     {"blocks"},
-    {"cloud", "mesh", "homotopy", "comparison"},
+    {"cloud", "mesh", "homotopy", "comparison", "opacity"},
     {"implicit", "scale"},
     {"handles"},
 ]

@@ -16,10 +16,12 @@ from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
+from topokit.core.opacity.solid import OpacityReading
 from topokit.report.advice import cloud_advice
 from topokit.report.cloud_wording import (
     check_sentences,
     confidence_sentences,
+    opaque_sentence,
     open_sentences,
     outlier_sentences,
     preparation_sentences,
@@ -28,15 +30,13 @@ from topokit.report.examination import Examination
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import (
     Verdict,
-    cloud_checks,
     cloud_verdict,
     is_mostly_seen,
     is_open,
     lasting_euler,
     lids,
     open_checks,
-    wire_checks,
-    without_doubts,
+    with_opacity,
 )
 from topokit.report.wording import position
 
@@ -67,21 +67,22 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
         report,
         name=name,
         reasons=(*deciding, *notes, *outlier_sentences(found.n_outliers), *others, _curvature_sentence(found)),
-        evidence=(estimate, *votes),
+        evidence=(estimate, *votes, *report.evidence),
         estimate=estimate.value,
         advice=advice or report.advice,
     )
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    wire = witness.wire
-    checks = cloud_checks(witness, found.part.boundary) if wire is None else wire_checks(witness, wire)
-    if wire is None and cloud_verdict(checks) == "unsure" and found.doubts == ():
-        checks = without_doubts(checks)
+    if found.opaque is not None:
+        return _opaque_report(found, witness, found.opaque)
+    seen, checks = found.opacity, found.checks
+    if seen is not None:
+        checks = with_opacity(checks, seen, witness)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if witness.has_genus else None
     components = _solid_components(found.samples.points, witness) or _cloud_components(found)
-    deciding, others = check_sentences(checks, witness)
+    deciding, others = check_sentences(checks, witness, seen)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
     report = _report(
         found,
@@ -102,7 +103,30 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         closed=True,
         confidence=confidence,
     )
-    return report if wire is not None or report.verdict == "likely" else with_doubts(report, found)
+    report = replace(report, evidence=opacity_evidence(seen))
+    return report if witness.wire is not None or report.verdict == "likely" else with_doubts(report, found)
+
+
+def _opaque_report(found: Examination, witness: Witness, seen: OpacityReading) -> TopologyReport:
+    """The report of splats of which opacity says more than samples: the solid that cannot be seen into."""
+    surface = seen.surface
+    assert surface is not None, "opacity decides by a surface"
+    components = mesh_topology(surface.vertices, surface.faces).components
+    failed, others = check_sentences(found.checks, witness)
+    report = _report(
+        found,
+        euler=seen.euler,
+        verdict="unsure",
+        advice=cloud_advice(witness, found.samples.n_points, found.checks),
+        reasons=(opaque_sentence(seen, witness), *failed, *others, *preparation_sentences(witness)),
+        n_deciding=1 + len(failed),
+        components=components,
+        n_components=len(components),
+        genus=genus_of(seen.euler, components=len(components)),
+        cavities=0,
+        closed=True,
+    )
+    return replace(report, resolution=seen.resolution, evidence=opacity_evidence(seen))
 
 
 def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:
@@ -284,6 +308,13 @@ def vote_evidence(witness: Witness) -> tuple[Evidence, ...]:
     if wire is not None:
         rows.append(Evidence("union of balls", float(wire.euler), wire.euler, wire.seconds))
     return tuple(rows)
+
+
+def opacity_evidence(seen: OpacityReading | None) -> tuple[Evidence, ...]:
+    """The integer of what cannot be seen into, if that was looked for."""
+    if seen is None:
+        return ()
+    return (Evidence("opacity from outside", sum(seen.eulers) / len(seen.eulers), seen.euler, seen.seconds),)
 
 
 def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:

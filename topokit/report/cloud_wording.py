@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
+from topokit.core.opacity.solid import OpacityReading
 from topokit.report.confidence import cloud_confidence
 from topokit.report.doubts import is_noisy
 from topokit.report.verdict import Check
@@ -67,6 +68,15 @@ _SENTENCES = {
         "The surface with its rims has χ = {euler}, but the union of balls around the samples has it for only "
         "{value:.0%} of all radii, by weight{other_balls}.",
     ),
+    "opacity": (
+        "What cannot be seen into from outside has χ = {euler}, too, in {value:.0%} of its readings.",
+        "What cannot be seen into from outside has χ = {euler} in only {value:.0%} of its readings{other_opaque}.",
+    ),
+    "hidden": (
+        "",
+        "{value:.0%} of the discs lie inside what cannot be seen into: they are walls of cavities or passages that are "
+        "hidden.",
+    ),
     "pieces": ("", "The union of balls has {ball_pieces}, not {components}."),
     "rims": ("", "Every part of an open surface has a rim, but only {value:.0f} could be traced."),
     "wire_range": (
@@ -98,12 +108,26 @@ _SENTENCES = {
 }
 
 
-def check_sentences(checks: tuple[Check, ...], witness: Witness) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def check_sentences(
+    checks: tuple[Check, ...], witness: Witness, seen: OpacityReading | None = None
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """One sentence for each check that has something to say: those that decided the verdict, and the others.
 
     Every check decides a likely answer; the failed ones decide an unsure one.
     """
-    return _divided(checks, _numbers(witness))
+    numbers = _numbers(witness)
+    if seen is not None:
+        is_same = seen.euler == witness.euler
+        numbers["other_opaque"] = "" if is_same else f" and χ = {seen.euler} in {seen.share:.0%}"
+    return _divided(checks, numbers)
+
+
+def opaque_sentence(seen: OpacityReading, witness: Witness) -> str:
+    """That the integer is that of opacity, and not of the samples."""
+    return (
+        f"What cannot be seen into from outside has χ = {seen.euler} in all {len(seen.eulers)} readings; the samples "
+        f"alone give χ = {witness.euler}, which is not sure:"
+    )
 
 
 def open_sentences(

@@ -24,12 +24,24 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, Curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
+from topokit.core.opacity.solid import OpacityReading, ReadOpacity
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.errors import InputError, TopokitError
 from topokit.report.doubts import cloud_doubts
 from topokit.report.progress import progress_bar
-from topokit.report.verdict import is_open_sheet, lids
+from topokit.report.verdict import (
+    THRESHOLDS,
+    Check,
+    cloud_checks,
+    cloud_verdict,
+    is_open,
+    is_open_sheet,
+    lids,
+    opacity_decides,
+    wire_checks,
+    without_doubts,
+)
 
 _FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
@@ -41,14 +53,22 @@ class Examination:
     """
 
     def __init__(
-        self, samples: SurfaceSamples, *, known_closed: bool, neighbors: Callable[[], Tensor] | None = None
+        self,
+        samples: SurfaceSamples,
+        *,
+        known_closed: bool,
+        neighbors: Callable[[], Tensor] | None = None,
+        opacity: ReadOpacity | None = None,
     ) -> None:
         """
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
             neighbors: returns what `neighbors` would find, if that is known already.
+            opacity: reads the solid that cannot be seen into, where the samples come with opacities; see
+                `ReadOpacity`.
         """
+        self._read_opacity = opacity
         self.samples = samples
         self._known_closed = known_closed
         self._find_neighbors = neighbors or self._search
@@ -173,6 +193,34 @@ class Examination:
         found = self._doubts_or_refusal
         return None if isinstance(found, tuple) else found
 
+    @cached_property
+    def checks(self) -> tuple[Check, ...]:
+        """The conditions under which the integer of a closed surface is likely, by samples alone; none without it."""
+        witness = self.witness
+        if witness is None or (is_open(self.part.boundary, witness) and witness.wire is None):
+            return ()
+        if witness.wire is not None:
+            return wire_checks(witness, witness.wire)
+        checks = cloud_checks(witness, self.part.boundary)
+        is_settled = cloud_verdict(checks) == "unsure" and self.doubts == ()
+        return without_doubts(checks) if is_settled else checks
+
+    @cached_property
+    def opacity(self) -> OpacityReading | None:
+        """The solid that cannot be seen into, looked for where samples are unsure or may be too coarse."""
+        witness = self.witness
+        if self._read_opacity is None or witness is None or witness.wire is not None or not self.checks:
+            return None
+        is_unsure = cloud_verdict(self.checks) == "unsure"
+        return self._read_opacity(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
+
+    @property
+    def opaque(self) -> OpacityReading | None:
+        """That solid, if the integer is its own and not that of the samples."""
+        seen, witness = self.opacity, self.witness
+        is_better = seen is not None and witness is not None and opacity_decides(seen, witness)
+        return seen if is_better else None
+
     @property
     def refusal(self) -> InputError | None:
         """Why there is no global witness, or None."""
@@ -198,7 +246,7 @@ def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
         boundary, witness = one.part.boundary, one.witness
         turning_is_unknown = bool(lids(witness)) and not boundary.curves
         if witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
-            eulers.append(witness.euler)
+            eulers.append((one.opaque or witness).euler)
     return eulers if len(eulers) == len(found) else None
 
 

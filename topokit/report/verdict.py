@@ -13,6 +13,7 @@ from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
 from topokit.core.local.boundary import BoundaryEstimate
+from topokit.core.opacity.solid import OpacityReading
 from topokit.report.confidence import cloud_confidence
 
 Verdict = Literal["certain", "likely", "unsure"]
@@ -58,6 +59,10 @@ _TUBES = (
 _CUT = (
     "115 open clouds that planes, boxes and spheres cut from closed meshes, 5 000 to 30 000 random points before: 41 "
     "are likely; four of these lack features narrower than their resolution (benchmarks/open_clouds.py)"
+)
+_SPLATS = (
+    "40 trained scenes, 47 meshes as 8 000 splats: eight unsure answers become likely, all right, and "
+    "two likely ones unsure, both wrong (benchmarks/trained_splats.py, docs/accuracy.md)"
 )
 _ANALYTIC = "hemispheres, caps, cylinders, half tori and squares with and without holes, 1 000 to 10 000 points"
 
@@ -134,6 +139,28 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "radii of the union of balls around the samples of an open cloud that give its integer",
             _CUT,
         ),
+        "opacity": Threshold(
+            0.75,
+            "at least",
+            "share of readings",
+            "readings of the solid that cannot be seen into that give an integer",
+            _SPLATS,
+        ),
+        "hidden": Threshold(
+            0.02,
+            "at most",
+            "share of discs",
+            "discs that lie inside that solid, two spacings below its surface: walls of what cannot be seen",
+            _SPLATS,
+        ),
+        "finer": Threshold(
+            0.65,
+            "at most",
+            "ratio of widths",
+            "narrowest feature that opacity can see, over that of the samples, where their integers differ",
+            "trained scenes in which only opacity is right: at most 0.62; splats wider than 0.8 spacings, "
+            "which fill tunnels: at least 0.69",
+        ),
         "wire_share": Threshold(
             0.3, "at least", "share of weight", "radii of the union of balls that give the integer of a wire", _TUBES
         ),
@@ -158,6 +185,9 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
         ),
     }
 )
+
+_OF_SAMPLES = ("confidence", "coarse", "coverage", "rim", "boundary")
+"""Checks of how well samples alone show the surface for which both families of votes are."""
 
 CONDITIONS: Mapping[str, str] = MappingProxyType(
     {
@@ -266,6 +296,35 @@ def cloud_checks(witness: Witness, boundary: BoundaryEstimate) -> tuple[Check, .
 def without_doubts(checks: tuple[Check, ...]) -> tuple[Check, ...]:
     """The checks of a closed cloud without narrow places: fewer samples, which see less, may count otherwise."""
     return tuple(check for check in checks if check.name != "coarse")
+
+
+def with_opacity(checks: tuple[Check, ...], seen: OpacityReading, witness: Witness) -> tuple[Check, ...]:
+    """The checks of a closed cloud of splats with those of the solid that cannot be seen into.
+
+    Where that solid has the integer, too, two witnesses agree that share nothing but the splats, and what made the
+    samples alone doubtful no longer counts. A likely integer is doubtful if that solid contradicts it.
+
+    Args:
+        checks: of the samples alone.
+        seen: what opacity says.
+        witness: the evidence of the samples.
+    """
+    found = (_check("opacity", share_of(witness.euler, seen.eulers)), *_unless_passed("hidden", seen.hidden))
+    agrees = cloud_verdict(found) == "likely"
+    if cloud_verdict(checks) == "likely":
+        return (*checks, *found) if agrees or opacity_contradicts(seen, witness) else checks
+    return (*found, *(check for check in checks if check.name not in _OF_SAMPLES)) if agrees else (*checks, *found)
+
+
+def opacity_contradicts(seen: OpacityReading, witness: Witness) -> bool:
+    """Whether what cannot be seen into has another integer than the samples, and shows finer features."""
+    limits = ("opacity", seen.share), ("hidden", seen.hidden), ("finer", seen.resolution / witness.resolution)
+    return seen.euler != witness.euler and all(THRESHOLDS[name].allows(value) for name, value in limits)
+
+
+def opacity_decides(seen: OpacityReading, witness: Witness) -> bool:
+    """Whether the integer of what cannot be seen into is the better one: it contradicts, and all readings give it."""
+    return opacity_contradicts(seen, witness) and seen.share == 1 and seen.surface is not None
 
 
 def open_checks(

@@ -12,6 +12,7 @@ from torch import Tensor
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
+from topokit.core.opacity.solid import ReadOpacity
 from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_samples
@@ -35,6 +36,7 @@ class Measurements:
         may_leave_box: bool,
         n_neighbors: int | None,
         name: str,
+        opacity: ReadOpacity | None = None,
     ) -> None:
         """
         Args:
@@ -43,7 +45,9 @@ class Measurements:
             may_leave_box: whether the surface may have a boundary though a closed one was counted: that of a field.
             n_neighbors: of the shape; there must be more samples.
             name: of the shape, for error messages.
+            opacity: reads the solid that cannot be seen into.
         """
+        self.opacity = opacity
         self._given_samples, self._given_counted = samples, counted
         self._may_leave_box, self._n_neighbors, self._name = may_leave_box, n_neighbors, name
         self._found: dict[str, tuple[tuple[int, ...], Any]] = {}
@@ -51,7 +55,8 @@ class Measurements:
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples and the counted answer instead of the functions that make them."""
         made: dict[str, Any] = {"_given_samples": self.samples, "_given_counted": self.counted, "_found": {}}
-        return {name: value for name, value in self.__dict__.items() if name.startswith("_")} | made
+        kept = {name: value for name, value in self.__dict__.items() if name.startswith("_") or name == "opacity"}
+        return kept | made
 
     def replace(self, n_neighbors: int | None, name: str) -> Measurements:
         """A copy for a shape with another number of neighbors or name; all that is known is shared."""
@@ -136,7 +141,12 @@ class Measurements:
             return lambda: self.neighbors()[number, :count]
 
         return tuple(
-            Examination(item, known_closed=self.known_closed, neighbors=neighbors_of(number, item.n_points))
+            Examination(
+                item,
+                known_closed=self.known_closed,
+                neighbors=neighbors_of(number, item.n_points),
+                opacity=self.opacity,
+            )
             for number, item in enumerate(self.samples.items())
         )
 

@@ -16,6 +16,7 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
+from topokit.core.opacity.solid import ReadOpacity
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
@@ -61,6 +62,7 @@ class Shape:
         defects: finds faults; gets whether to look for self-intersections, too.
         bounded: proves the topology of a function's level set by bounds.
         curve: counts the solids over all levels, given the levels of `euler_curve`, if the shape has no field.
+        opacity: reads the solid that cannot be seen into, which is asked where samples alone are unsure.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -70,8 +72,8 @@ class Shape:
         simplification: what `simplify` did, if the shape is its result.
         advice: what to change in the call that made the shape if its samples give no sure answer.
 
-    All but `surface`, `defects`, `bounded` and `curve` are attributes, too; what functions make is made when it is
-    needed.
+    All but `surface`, `defects`, `bounded`, `curve` and `opacity` are attributes, too; what functions make is made when
+    it is needed.
     """
 
     field: Field | None
@@ -96,6 +98,7 @@ class Shape:
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
         bounded: Bounded | None = None,
         curve: Callable[[Levels], EulerCurve] | None = None,
+        opacity: ReadOpacity | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
@@ -104,7 +107,9 @@ class Shape:
         simplification: Simplification | None = None,
         advice: str | None = None,
     ) -> None:
-        known = Measurements(samples, counted, may_leave_box=field is not None, n_neighbors=n_neighbors, name=name)
+        known = Measurements(
+            samples, counted, may_leave_box=field is not None, n_neighbors=n_neighbors, name=name, opacity=opacity
+        )
         _ = known.samples_so_far  # checked now, if they are known
         self.__dict__.update(  # attributes cannot be set one by one, see __setattr__
             field=field,
@@ -190,6 +195,7 @@ class Shape:
             defects=self._find_defects,
             bounded=self._bounded,
             curve=self._curve,
+            opacity=self._known.opacity,
             field=self.field,
             mesh=mesh,
             name=self.name,

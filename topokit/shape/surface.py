@@ -105,9 +105,13 @@ def found_surface(shape: Shape) -> TriangleSurface | None:
         return shape._make_surface()
     if shape.mesh is not None:
         return TriangleSurface(*mesh_arrays(shape.mesh)).compact()
-    witness = shape._known.examination().witness
+    found = shape._known.examination()
+    witness, opacity = found.witness, found.opacity
     if witness is None or witness.surface is None:
         return None
+    misses = witness.surface.euler != witness.euler
+    if opacity is not None and (found.opaque or (misses and opacity.euler == witness.euler)):
+        return opacity.surface
     points = shape.samples.points.detach().cpu().double().numpy()
     return TriangleSurface(points[witness.surface.points], witness.surface.faces)
 

@@ -195,8 +195,8 @@ def test_everything_dropped_is_counted() -> None:
     assert note(shape, "NaN").startswith("15 of 3006 splats")
     assert note(shape, "min_opacity=0.1").startswith("100 of 2991 splats")
     assert note(shape, "max_size_ratio=10").startswith("40 of 2891 splats")
-    assert note(shape, "max_thickness_ratio=0.5").startswith("200 of 2851 splats")
-    assert note(shape, "min_cluster_share=0.01").startswith("6 of 2651 splats lie in isolated clusters (6)")
+    assert note(shape, "max_thickness_ratio=0.5").startswith("200 of 2845 splats")
+    assert note(shape, "min_cluster_share=0.01").startswith("6 of 2851 splats lie in isolated clusters (6)")
     assert note(shape, "samples lie on").endswith("of 2645 of 3006 splats.")
     assert set(shape.notes) <= set(shape.report().reasons)
 

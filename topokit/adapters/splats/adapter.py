@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.cleaning import Kept, Limits, clean
+from topokit.adapters.splats.absorption import gaussians_of
+from topokit.adapters.splats.cleaning import Kept, Limits, check_share, clean, discs_of
 from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.neighborhood_size import given_or_default
+from topokit.core.opacity.solid import OpacityReading, read_opacity
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.remote import takes_addresses
@@ -93,17 +96,24 @@ def from_splats(
         2
     """
     chosen, cuts = _steps(object, component, surroundings)
-    limits = Limits(min_opacity, max_size_ratio, max_thickness_ratio, min_cluster_share, chosen, cuts)
+    limits = Limits(min_opacity, max_size_ratio, min_cluster_share, chosen, cuts)
+    check_share("max_thickness_ratio", max_thickness_ratio)
     if n_samples is not None:
         check_sample_count(n_samples, given_or_default(n_neighbors))
     name, splats = _open(source, activated)
-    kept = clean(splats, limits)
+    solid = clean(splats, limits)
+    kept = discs_of(solid, max_thickness_ratio)
     seed = deferred_seed(generator)
     summary = f"{n_samples or len(kept.splats)} samples lie on the discs of {len(kept.splats)} of {len(splats)} splats."
     notes = (*kept.notes, summary)
     advice = None if object or component is not None else _OBJECT_ALONE
     return Shape(
-        lambda: _samples(kept, n_samples, seed), name=name, notes=notes, n_neighbors=n_neighbors, advice=advice
+        lambda: _samples(kept, n_samples, seed),
+        opacity=partial(_read, solid.splats.detach()),
+        name=name,
+        notes=notes,
+        n_neighbors=n_neighbors,
+        advice=advice,
     )
 
 
@@ -137,7 +147,7 @@ def write_kept(
     """
     scene = GaussianSplats.from_file(source)
     chosen, cuts = _steps(object, component, surroundings)
-    kept = clean(scene, Limits(min_opacity, max_size_ratio, None, min_cluster_share, chosen, cuts))
+    kept = clean(scene, Limits(min_opacity, max_size_ratio, min_cluster_share, chosen, cuts))
     kept.save(target, like=source)
     if page is not None:
         kept.save_html(page, scene)
@@ -153,6 +163,10 @@ def _steps(object: bool, component: Component | None, surroundings: bool | None)
 def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:
     on_discs = sample_discs(kept.splats, count, torch.Generator().manual_seed(seed))
     return SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
+
+
+def _read(splats: GaussianSplats, finer_than: float | None) -> OpacityReading | None:
+    return read_opacity(gaussians_of(splats), finer_than)
 
 
 def _open(source: Any, activated: bool) -> tuple[str, GaussianSplats]:

@@ -1,4 +1,4 @@
-"""Filters that leave the surface of a scene: by opacity, size and flatness, by planes around it, then by cluster."""
+"""Filters that leave the surface of a scene: by opacity and size, by planes around it, by cluster, then by flatness."""
 
 from __future__ import annotations
 
@@ -32,21 +32,24 @@ class Limits:
 
     min_opacity: float | None
     max_size_ratio: float | None
-    max_thickness_ratio: float | None
     min_cluster_share: float | None
     component: Component = "all"
     surroundings: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("min_opacity", "max_thickness_ratio", "min_cluster_share"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value <= 1:
-                raise InputError(f"{name} is {value}; expected a share 0 … 1, or None to switch it off.")
+        for name in ("min_opacity", "min_cluster_share"):
+            check_share(name, getattr(self, name))
         if self.max_size_ratio is not None and not self.max_size_ratio >= 1:
             raise InputError(
                 f"max_size_ratio is {self.max_size_ratio}; expected at least 1 (times the median), or None to switch "
                 "it off."
             )
+
+
+def check_share(name: str, value: float | None) -> None:
+    """An `InputError` if a limit that is a share is outside 0 … 1."""
+    if value is not None and not 0 <= value <= 1:
+        raise InputError(f"{name} is {value}; expected a share 0 … 1, or None to switch it off.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +149,6 @@ def clean(splats: GaussianSplats, limits: Limits) -> Kept:
         huge = size > limits.max_size_ratio * size.median()
         ratio = Option("max_size_ratio", f"{limits.max_size_ratio:g}")
         kept = kept.without(huge, ("are larger than ", ratio, " times the median"))
-    if limits.max_thickness_ratio is not None:
-        kept = _without_thick(kept, limits.max_thickness_ratio)
     middle = _weighted_median(kept.splats)
     if limits.surroundings:
         kept = _without_surroundings(kept)
@@ -177,6 +178,8 @@ def _without_surroundings(kept: Kept) -> Kept:
     """The splats before all planes of the surroundings."""
     for plane in surrounding_planes(kept.splats):
         beyond = plane.beyond(kept.splats.means.detach().double().cpu().numpy())
+        if beyond.all():  # nothing stands before it, so it surrounds nothing
+            continue
         normal = ", ".join(f"{value + 0.0:.2f}" for value in plane.normal)
         why = (
             f"lie on or behind a plane of the surroundings with {plane.share:.0%} of the area (normal ({normal}), "
@@ -186,8 +189,10 @@ def _without_surroundings(kept: Kept) -> Kept:
     return kept
 
 
-def _without_thick(kept: Kept, max_ratio: float) -> Kept:
-    """The discs, or all splats where most are blobs."""
+def discs_of(kept: Kept, max_ratio: float | None) -> Kept:
+    """The discs, or all splats where most are blobs; None keeps all."""
+    if max_ratio is None:
+        return kept
     thick = thickness(kept.splats) > max_ratio
     why: Why = "are thicker than ", Option("max_thickness_ratio", f"{max_ratio:g}")
     if 2 * int(thick.sum()) <= len(kept):

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.adapters.splats.absorption import OpticalDepth, optical_depth
 from topokit.adapters.splats.checkpoints import SUFFIXES, tensors_by_name
 from topokit.adapters.splats.cleaning import Kept, Limits, clean, without_floaters
 from topokit.adapters.splats.clusters import Component
@@ -170,7 +171,7 @@ class GaussianSplats:
             >>> len(scene.object())
             500
         """
-        return clean(self, Limits(min_opacity, max_size_ratio, None, min_cluster_share, component, surroundings))
+        return clean(self, Limits(min_opacity, max_size_ratio, min_cluster_share, component, surroundings))
 
     def simplify(self, *, below: float) -> Kept:
         """The splats without floaters: clusters whose box is shorter than a length along every axis.
@@ -187,6 +188,44 @@ class GaussianSplats:
             InputError: if `below` is not positive, nothing is left, or most rows are broken.
         """
         return without_floaters(self, float(below))
+
+    def detach(self) -> GaussianSplats:
+        """The same splats without a graph."""
+        parts = (self.means, self.scales, self.quaternions, self.opacities)
+        return GaussianSplats(*(part.detach() for part in parts))
+
+    def optical_depth(self, step: float | None = None) -> OpticalDepth:
+        """How much light is absorbed on the clearest path from outside to each place: a field to train opacities with.
+
+        The solid that cannot be seen into is where the depth exceeds log 2. As a volume it has all answers of volumes,
+        and gradients to means, scales, rotations and opacities. Paths may bend, so cavities and closed passages belong
+        to the solid. Each splat absorbs −log(1 − opacity) along a ray through the middle of its disc.
+
+        Args:
+            step: of the grid, in units of the means; half the spacing of the splats by default, or more where that grid
+                would have over eight million values.
+
+        Returns:
+            `OpticalDepth`: values with their spacing and origin, as `from_voxels` takes them.
+
+        Raises:
+            InputError: for fewer than two splats, or a step that is not positive.
+
+        Example:
+            >>> import math, topokit as tk, torch
+            >>> ball = torch.nn.functional.normalize(torch.randn(2000, 3, generator=torch.Generator().manual_seed(0)))
+            >>> quaternions = torch.tensor([1.0, 0, 0, 0]).expand(2000, 4)
+            >>> opacities = torch.full((2000,), 0.8, requires_grad=True)
+            >>> splats = tk.GaussianSplats(ball, torch.full((2000, 3), 0.1), quaternions, opacities)
+            >>> found = splats.optical_depth()
+            >>> solid = tk.from_voxels(found.values, level=math.log(2), spacing=found.spacing, origin=found.origin)
+            >>> int(solid.euler())
+            2
+            >>> solid.smoothed_euler(0.1).backward()
+            >>> bool(opacities.grad.isfinite().all())
+            True
+        """
+        return optical_depth(self, step)
 
     def to_ply(self, path: str | os.PathLike[str]) -> None:
         """Write the standard 3DGS .ply: log scales, logit opacities, zero normals and colors, float32.

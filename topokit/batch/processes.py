@@ -20,10 +20,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import IO, Any, TypeVar
 
+import cloudpickle
+
 from topokit.batch.limits import NO_LIMITS, Limits, memory_of, watched
 from topokit.batch.worker import LENGTH_BYTES, import_what_is_needed
 from topokit.core.processors import n_cores
 from topokit.ending import finally_do
+from topokit.errors import InputError, summary
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -44,9 +47,9 @@ def map_in_processes(
 ) -> Generator[tuple[int, Result]]:
     """The results of a function with the numbers of their tasks, as they are known.
 
-    The processes import the function by its name, but not the caller's main module, so a script needs no guard. Each
-    has its share of the cores for threads of its own, unless the environment says otherwise. They end with the
-    iterator, and what they have left in the folder for temporary files is removed.
+    The processes import the function by its name, but not the caller's main module, so a script needs no guard: what
+    it defines is sent as code. Each process has its share of the cores for threads of its own, unless the environment
+    says otherwise. They end with the iterator, and what they have left in the folder for temporary files is removed.
 
     Args:
         function: of a module, so that it can be pickled; the result, too.
@@ -187,11 +190,22 @@ def _reply(process: subprocess.Popen[bytes], function: Callable[[Task], Result],
     requests, replies = process.stdin, process.stdout
     assert requests is not None
     assert replies is not None
-    requests.write(pickle.dumps((function, task)))
+    requests.write(_packed(function, task))
     requests.flush()
     if n_bytes := int.from_bytes(_read(replies, LENGTH_BYTES), "little"):
         return _read(replies, n_bytes)
     raise _LastWordsError(replies.read().decode())
+
+
+def _packed(function: Callable[[Task], Result], task: Task) -> bytes:
+    """Both as bytes; what scripts and notebooks define, such as the function of a shape, travels as code."""
+    try:
+        return cloudpickle.dumps((function, task))
+    except (pickle.PicklingError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"{getattr(task, 'name', task)} cannot be sent to another process ({summary(error)}): pass jobs=1, without "
+            "limits of time and memory."
+        ) from error
 
 
 def _read(stream: IO[bytes], n_bytes: int) -> bytes:

@@ -213,7 +213,8 @@ def survey(
         paths: files, folders and patterns, one or several, or a list of shapes. Of a folder and the folders in it, the
             files are taken that an adapter knows. Shapes are called by their names: `shape.replace(name=...)`.
         jobs: number of processes; 1 stays in this one, 0 is one for each core. A process that dies, as in a reader
-            that crashes, costs one row; adapters must then be installed packages, not registered in a script.
+            that crashes, costs one row. Adapters that a script registered are sent to the processes; an error says so
+            if one cannot be sent, before any file is examined.
         time_limit: seconds that a file may take; one that takes longer costs a row with an error. Files are then
             examined in processes of their own, also if there is only one job.
         memory_limit: GiB of memory that the process of a file may hold, likewise; Python and torch take 0.3 of it.

@@ -17,6 +17,7 @@ from topokit.core.processors import n_cores
 from topokit.core.progress import ignore, listening
 from topokit.errors import TopokitError
 from topokit.plugins.registry import list_adapters, opens_address, shared_by_workers
+from topokit.plugins.sending import know_adapters, packed_adapters
 
 Item = TypeVar("Item")
 
@@ -59,8 +60,7 @@ def ask_each(
     if (jobs == 1 and not limits) or not sources:
         yield from enumerate(map(ask, sources))
         return
-    alone = partial(_without_bar, ask)
-    with closing(map_in_processes(alone, sources, min(jobs, len(sources)), after_death, limits)) as coming:
+    with closing(map_in_processes(_elsewhere(ask), sources, min(jobs, len(sources)), after_death, limits)) as coming:
         yield from coming
 
 
@@ -87,7 +87,7 @@ def _on_cluster(
     found = [_from_anywhere(source) for source in sources]
     large = [number for number, source in enumerate(found) if not limits and _is_large(source, questions)]
     others = [number for number in range(len(found)) if number not in set(large)]
-    ask: Callable[[Source], list[Answer]] = partial(_without_bar, partial(examine, questions=questions))
+    ask = _elsewhere(partial(examine, questions=questions))
     ask = partial(call_in_own_process, ask, after_death=_after_death, limits=limits) if limits else ask
     with closing(map_on_cluster(ask, [found[number] for number in others], client, _after_death)) as coming:
         for place, answers in coming:
@@ -97,8 +97,14 @@ def _on_cluster(
         yield number, examine(found[number], by_all)
 
 
-def _without_bar(ask: Callable[[Source], Item], source: Source) -> Item:
-    """What is asked of a source; the bars of many workers would overlap."""
+def _elsewhere(ask: Callable[[Source], Item]) -> Callable[[Source], Item]:
+    """The question for a process that is not this one, with the adapters that were registered here."""
+    return partial(_ask_here, ask, packed_adapters())
+
+
+def _ask_here(ask: Callable[[Source], Item], adapters: bytes, source: Source) -> Item:
+    """What another process asks of a source; the bars of many workers would overlap."""
+    know_adapters(adapters)
     with listening(ignore):
         return ask(source)
 

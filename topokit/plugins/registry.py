@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from pathlib import Path
@@ -79,10 +79,10 @@ def register_adapter(
         return lambda decorated: register_adapter(name, decorated, overwrite=overwrite, **attributes)
     is_class = isinstance(target, type)
     if is_class and attributes:
-        raise InputError(f"{_origin(target)} is a class: {', '.join(attributes)} must be attributes of it.")
+        raise InputError(f"{origin(target)} is a class: {', '.join(attributes)} must be attributes of it.")
     called = name or getattr(target, "name", None)
     if not isinstance(called, str):
-        raise InputError(f'{_origin(target)} needs a name: register_adapter("name", ...).')
+        raise InputError(f'{origin(target)} needs a name: register_adapter("name", ...).')
     added = target
     if not is_class and (attributes or not isinstance(target, str | Adapter)):
         description = (getattr(target, "__doc__", None) or called).strip().splitlines()[0]
@@ -90,7 +90,7 @@ def register_adapter(
     if not isinstance(added, str):
         added = check_adapter(added, called)
     taken = _targets().get(called, added)
-    old, new = _origin(taken), _origin(added)
+    old, new = origin(taken), origin(added)
     is_again = taken is added or (old == new and "<lambda>" not in new)  # as in a notebook cell that is run twice
     if not is_again and not overwrite:
         raise InputError(
@@ -121,6 +121,18 @@ def refresh_adapters() -> None:
     _plugins.cache_clear()
     _resolve.cache_clear()
     warned_about.clear()
+
+
+def registered_here() -> dict[str, str | Adapter]:
+    """The adapters that calls of `register_adapter` in this process have made known, by name."""
+    return {name: target for name, target in _registered.items() if BUILT_IN.get(name) != target}
+
+
+def replace_registered(names: Iterable[str], added: Mapping[str, str | Adapter]) -> None:
+    """Forget the adapters of these names, or what they replaced built-in ones by, and register others."""
+    for name in names:
+        _registered.pop(name, None)
+    _registered.update(BUILT_IN | _registered | dict(added))
 
 
 def load(source: Any, *, adapter: str | None = None, format: str | None = None, **options: Any) -> Shape:
@@ -281,7 +293,7 @@ def _plugins() -> dict[str, str]:
     """Installed plug-ins by name; one whose name is taken is left out with a warning."""
     found: dict[str, str] = {}
     for name, target, distribution in entry_points():
-        taken = _origin({**found, **_registered}.get(name, target))
+        taken = origin({**found, **_registered}.get(name, target))
         if taken == target:
             found[name] = target
         else:
@@ -301,7 +313,7 @@ def _resolve(name: str, target: str | Adapter) -> Adapter:
     try:
         return import_adapter(target, name) if isinstance(target, str) else target
     except AdapterError as error:
-        return Adapter(name=name, description=_origin(target), suffixes=(), problem=str(error))
+        return Adapter(name=name, description=origin(target), suffixes=(), problem=str(error))
 
 
 def _adapters() -> list[Adapter]:
@@ -315,8 +327,8 @@ def _working() -> list[Adapter]:
     return [found for found in _adapters() if found.problem is None]
 
 
-def _origin(target: Any) -> str:
-    """Where a target is written, as "package.module:name"."""
+def origin(target: Any) -> str:
+    """Where an adapter or what names it is written, as "package.module:name"."""
     if type(target) is Adapter:
         target = target.opener
     if isinstance(target, str):

@@ -21,8 +21,8 @@ def report(
     """The report of a file or an object: `topokit.load(source, **options).report()`.
 
     Args:
-        source: a `Shape`, or whatever `topokit.load` opens. Arrays go to the function of their kind first:
-            `topokit.from_mesh(vertices, faces).report()`.
+        source: a `Shape`, or whatever `topokit.load` opens, such as a pair (vertices, faces). Other arrays go to the
+            function of their kind first: `topokit.from_points(points).report()`.
         details: as for `Shape.report`.
         locate: as for `Shape.report`.
         features: as for `Shape.report`.

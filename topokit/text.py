@@ -72,8 +72,13 @@ def no_attribute(owner: str, name: str, known: Iterable[str], other_words: Mappi
     """
     if (meant := (other_words or {}).get(name)) is not None:
         return f"{owner} has no attribute {name!r}. Use {meant}."
-    near = get_close_matches(name, [one for one in known if not one.startswith("_")], 1)
-    return f"{owner} has no attribute {name!r}." + "".join(f" Did you mean {one}?" for one in near)
+    near = nearest(name, known)
+    return f"{owner} has no attribute {name!r}." + ("" if near is None else f" Did you mean {near}?")
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The public name that is written almost like another one; None if there is none."""
+    return next(iter(get_close_matches(name, [one for one in known if not one.startswith("_")], 1)), None)
 
 
 def make_logs_printable() -> None:

@@ -478,7 +478,7 @@ def test_samples_that_are_made_later_are_checked_later(blob: Path) -> None:
 def test_options_that_do_not_exist_are_named(blob: Path) -> None:
     tk.register_adapter("blobs", lambda source, radius=1, *, n_samples=9: shape(), suffixes=(".blob",), description="")
     assert message(InputError, blob, radios=2, seed=1) == (
-        "adapter 'blobs' has no option 'radios', 'seed'. It has: n_neighbors, n_samples, radius."
+        "adapter 'blobs' has no option 'radios', 'seed'. Did you mean radius? It has: n_neighbors, n_samples, radius."
     )
     tk.register_adapter("all", lambda source, **options: shape(), suffixes=(".all",), description="")
     assert tk.load(blob, adapter="all", anything=1).samples.n_points == 60
@@ -626,7 +626,7 @@ def test_objects_that_two_adapters_accept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "name"), [(POINTS, "torch.Tensor"), ((POINTS, POINTS), "builtins.tuple"), (len, "builtins.builtin_f")]
+    ("source", "name"), [(POINTS, "torch.Tensor"), ([POINTS, POINTS], "builtins.list"), (len, "builtins.builtin_f")]
 )
 def test_objects_that_may_be_several_things_are_refused_with_the_function_to_call(source: object, name: str) -> None:
     said = message(InputError, source)

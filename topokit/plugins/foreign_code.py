@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from topokit.errors import AdapterError, AdapterWarning, InputError, MissingDependencyError, TopokitError, summary
+from topokit.inputs.calls import no_option
 from topokit.plugins.adapter import Adapter
 
 if TYPE_CHECKING:
@@ -125,11 +126,8 @@ def open_with(adapter: Adapter, source: Any, options: Mapping[str, Any]) -> Shap
     from topokit.shape import Shape
 
     known = options_of(adapter)
-    if known is not None and (wrong := sorted(options.keys() - known.keys() - {"n_neighbors"})):
-        raise InputError(
-            f"adapter {adapter.name!r} has no option {', '.join(map(repr, wrong))}. "
-            f"It has: {', '.join(sorted({*known, 'n_neighbors'}))}."
-        )
+    if known is not None and (wrong := options.keys() - known.keys() - {"n_neighbors"}):
+        raise InputError(no_option(f"adapter {adapter.name!r}", wrong, {*known, "n_neighbors"}))
     what = f"adapter {adapter.name!r} could not open {source if isinstance(source, Path) else _kind(source)}"
     try:
         with foreign_code(what, adapter):

@@ -146,7 +146,8 @@ def load(source: Any, *, adapter: str | None = None, format: str | None = None, 
     Args:
         source: path of a file, which may be compressed with gzip, or of a folder such as an unzipped .sog; an address
             that fsspec opens, as https://example.org/part.stl, s3://… or zip://part.stl::parts.zip; bytes or a file
-            object; or an object of one of the types that `list_adapters` names, such as a `trimesh.Trimesh`.
+            object; or an object of one of the types that `list_adapters` names, such as a `trimesh.Trimesh` or a tuple
+            (vertices, faces).
         adapter: name of the adapter to use ("mesh", "points", "voxels", "sdf", "occupancy", "splats", "open3d", or that
             of a plug-in) instead.
         format: what to take a file, bytes or a file object for if the content does not tell: the suffix of a file, as

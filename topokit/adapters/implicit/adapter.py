@@ -23,6 +23,7 @@ from topokit.core.implicit.blockwise import Blocks
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.files import existing_file
 from topokit.inputs.remote import is_address
 from topokit.plugins.programs import not_named
@@ -33,6 +34,7 @@ _N_PROBES = 5  # points of the first call: neither 1 nor 3, so that wrong shapes
 _RANDOM_IN_TRAINING = (torch.nn.modules.dropout._DropoutNd, torch.nn.modules.batchnorm._BatchNorm)
 
 
+@options_by_name("bounds")
 def from_sdf(
     f: Function | str | os.PathLike[str],
     *,
@@ -104,6 +106,7 @@ def from_sdf(
     return _shape(name, function, -1, settings)
 
 
+@options_by_name("bounds")
 def from_occupancy(
     f: Function | str | os.PathLike[str],
     *,

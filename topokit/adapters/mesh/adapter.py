@@ -25,6 +25,7 @@ from topokit.core.mesh.sampling import sample_triangles
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import triangles_of
 from topokit.inputs.remote import takes_addresses
@@ -39,6 +40,7 @@ Faces = Tensor | ArrayLike | Sequence[Sequence[int]]
 _DRAWN_PER_SAMPLE = 10  # random points per sample that a criterion chooses from
 
 
+@options_by_name("n_samples")
 @takes_addresses()
 def from_mesh(
     source: str | os.PathLike[str] | tuple[Vertices, Faces] | Vertices | Any,

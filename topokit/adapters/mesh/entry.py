@@ -79,7 +79,7 @@ MESH = Adapter(
     suffixes=suffixes_of(FORMATS),
     can_open=partial(is_certainly, FORMATS),
     types=(
-        *("trimesh.Trimesh", "trimesh.Scene", "meshio.Mesh", "vedo.Mesh", "kaolin.rep.SurfaceMesh"),
+        *("builtins.tuple", "trimesh.Trimesh", "trimesh.Scene", "meshio.Mesh", "vedo.Mesh", "kaolin.rep.SurfaceMesh"),
         *("pyvista.PolyData", "pyvista.UnstructuredGrid", "pytorch3d.structures.Meshes"),
     ),
     extra="topokit[formats]",

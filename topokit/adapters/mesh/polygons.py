@@ -75,5 +75,6 @@ def _fans_of_lists(faces: list[object] | tuple[object, ...]) -> Integers:
 def _integers(array: NDArray[Any]) -> Integers:
     is_whole = array.dtype.kind in "iu" or (array.dtype.kind == "f" and bool((array == np.rint(array)).all()))
     if not is_whole or not np.isfinite(array).all():
-        raise InputError(f"faces must be whole numbers, got {array.dtype}.")
+        hint = " For points and normals use topokit.from_points." if array.dtype.kind == "f" else ""
+        raise InputError(f"faces must be whole numbers, got {array.dtype}.{hint}")
     return array.astype(np.int64)

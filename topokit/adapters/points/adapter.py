@@ -18,6 +18,7 @@ from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.arrays import as_floating, is_array
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.files import existing_file
 from topokit.inputs.objects import is_frame, points_of
 from topokit.inputs.remote import takes_addresses
@@ -25,6 +26,7 @@ from topokit.inputs.unpacking import unpacked
 from topokit.shape import Shape
 
 
+@options_by_name("n_neighbors")
 @takes_addresses()
 def from_points(
     points: str | os.PathLike[str] | Tensor | ArrayLike | Any,

@@ -21,6 +21,7 @@ from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.opacity.solid import OpacityReading, read_opacity
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.remote import takes_addresses
 from topokit.shape import Shape
 
@@ -29,6 +30,7 @@ _OBJECT_ALONE = (
 )
 
 
+@options_by_name("object")
 @takes_addresses()
 def from_splats(
     source: str | os.PathLike[str] | GaussianSplats | Mapping[str, Tensor] | torch.nn.ParameterDict,

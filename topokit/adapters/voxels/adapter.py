@@ -37,6 +37,7 @@ from topokit.core.grid.placement import Index, Placement
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError, Option
 from topokit.inputs.arrays import as_positions, as_tensor
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import lies_in, takes_addresses
 from topokit.inputs.unpacking import unpacked
@@ -45,6 +46,7 @@ from topokit.report.volume import volume_answer
 from topokit.shape import Shape
 
 
+@options_by_name("level")
 @takes_addresses(ADDRESSES)
 def from_voxels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,

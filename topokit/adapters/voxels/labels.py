@@ -29,6 +29,7 @@ from topokit.core.grid.labels import Box, around, label_boxes, whole_numbers
 from topokit.core.grid.placement import Placement
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.errors import InputError
+from topokit.inputs.calls import options_by_name
 from topokit.inputs.remote import takes_addresses
 from topokit.report.wording import plural
 from topokit.shape import Shape
@@ -36,6 +37,7 @@ from topokit.shape import Shape
 Labels = Literal["all"] | Sequence[int]
 
 
+@options_by_name("spacing")
 @takes_addresses(ADDRESSES)
 def from_labels(
     volume: str | os.PathLike[str] | Tensor | ArrayLike,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from topokit.core.homotopy.simplified import Way
 from topokit.errors import InputError
@@ -30,6 +31,10 @@ def simplify(shape: Shape, below: float, handles: Handles, cavities: bool, compo
     ways = _OF_HANDLES[handles]
     ways |= _OF_CAVITIES if cavities else frozenset()
     ways |= _OF_COMPONENTS if components else frozenset()
+    n_filled = 0
     if boundaries and shape.mesh is not None and not shape.is_closed:
-        shape = without_boundaries(shape)
-    return (simplified_mesh if shape.field is None else simplified_volume)(shape, float(below), ways)
+        n_filled, shape = shape.report().boundary_loops, without_boundaries(shape)
+    made = (simplified_mesh if shape.field is None else simplified_volume)(shape, float(below), ways)
+    if made.simplification is None:
+        raise AssertionError(f"{made.name}: nothing says what was removed")
+    return made.replace(simplification=replace(made.simplification, filled=n_filled))

@@ -35,9 +35,15 @@ def mesh_answer(topology: MeshTopology, seconds: float, *, exact_vertices: bool 
     )
 
 
+HOW_TO_SPLIT = (
+    "MeshLab's filter Repair non Manifold Edges (by splitting vertices) separates bodies that touch along an edge."
+)
+
+
 def _advice(topology: MeshTopology, verdict: Verdict) -> str | None:
     if not topology.is_manifold:
-        return "shape.defects(), or topokit report --locate, says where the faults are."
+        where = "shape.defects(), or topokit report --locate, says where the faults are"
+        return f"{where}. {HOW_TO_SPLIT}" if topology.nonmanifold_edges else f"{where}."
     if topology.is_closed:
         return None
     if verdict == "unsure":

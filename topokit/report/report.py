@@ -285,7 +285,7 @@ class TopologyReport:
             lines.append(f"  … {more}: report.text(full=True), or topokit report -v")
         lines += [f"  - {line}" for line in feature_lines(self.features, self.doubts, self.placement)]
         lines += [f"  - {place}" for place in (() if self.location is None else self.location.lines())]
-        if self.advice is not None and (full or self.verdict == "unsure"):
+        if self.advice is not None and (full or self.verdict != "likely"):
             lines.append(f"  Advice: {self.advice}")
         return "\n".join(map(printable, lines))
 
@@ -357,11 +357,11 @@ def plain(value: Any) -> Any:
 
 
 def why(report: TopologyReport) -> str:
-    """The first of the reasons that decided the verdict, where the others are, and what helps if it is unsure."""
+    """The first of the reasons that decided the verdict, where the others are, and what helps unless it is likely."""
     if report.n_deciding == 0:
         return "Nothing is known about it."
     more = f" report() has {plural(report.n_deciding - 1, 'more reason')}." if report.n_deciding > 1 else ""
-    advice = f" {report.advice}" if report.advice is not None and report.verdict == "unsure" else ""
+    advice = f" {report.advice}" if report.advice is not None and report.verdict != "likely" else ""
     return f"{report.reasons[0]}{more}{advice}"
 
 

@@ -23,6 +23,7 @@ class Simplification:
         after: the same of the result, which was counted.
         changed: voxels that joined or left the solid, or faces that were added.
         unit: what `changed` counts.
+        filled: boundary loops of a mesh that were filled first.
     """
 
     below: float
@@ -31,17 +32,18 @@ class Simplification:
     after: Betti
     changed: int
     unit: Unit
+    filled: int = 0
 
     def summary(self) -> str:
         """The numbers before and after, in one sentence, or that nothing was removed."""
         names = ("piece", "pieces"), ("tunnel", "tunnels"), ("cavity", "cavities")
         after = ", ".join(plural(count, *name) for count, name in zip(self.after, names, strict=True))
         before = ", ".join(map(str, self.before))
+        filled = f"{plural(self.filled, 'boundary loop')} filled. " if self.filled else ""
         if not self.removals:
-            return f"Nothing below {self.below:.4g} was found that may be removed: {after}."
-        return (
-            f"Simplified below {self.below:.4g}: {after} (before: {before}), {plural(self.changed, self.unit)} changed."
-        )
+            return f"{filled}Nothing below {self.below:.4g} was found that may be removed: {after}."
+        changed = f"{plural(self.changed, self.unit)} changed"
+        return f"{filled}Simplified below {self.below:.4g}: {after} (before: {before}), {changed}."
 
     def text(self) -> str:
         """The summary, and a line for each removal."""

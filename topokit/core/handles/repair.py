@@ -23,7 +23,7 @@ def without_boundary(vertices: Floats, topology: MeshTopology) -> Arrays:
     """
     if topology.nonmanifold_edges or not topology.is_orientable:
         fault = "edges with three faces or more" if topology.nonmanifold_edges else "no consistent orientation"
-        raise InputError(f"the mesh has {fault}, so its boundary cannot be filled: repair it first.")
+        raise InputError(f"the mesh has {fault}, so its boundary cannot be filled: defects() says where.")
     points, triangles = filled(vertices, topology.faces)
     n_doubled = int(mesh_connectivity(topology.faces).fans.max()) + 1 - count_distinct(topology.faces.ravel())
     euler = topology.euler + n_doubled + topology.boundary_loops

@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_napari_finds_the_tunnel_of_a_label_where_its_layer_is() -> None:
     plugin = loaded("napari/topokit_napari/__init__.py")
     layer = SimpleNamespace(data=ring(), scale=np.array([2.0, 1.0, 1.0]), translate=np.array([5.0, 0.0, 0.0]))
     ((data, about, kind),) = plugin.tunnels(layer, label=3)
-    assert (kind, "1 tunnels" in about["name"], list(about["translate"])) == ("shapes", True, [5, 0, 0])
+    assert (kind, "tunnels 1," in about["name"], list(about["translate"])) == ("shapes", True, [5, 0, 0])
     middle = np.vstack(data).mean(axis=0)
     assert np.allclose(middle, (8.0, 4.0, 2.0), atol=1.5)  # voxel (4, 4, 2), two units long
 
@@ -64,6 +65,49 @@ def test_the_manifest_of_napari_names_functions_that_exist() -> None:
     assert names == ["get_reader", "tunnels"]
     assert all(callable(getattr(plugin, name)) for name in names)
     assert manifest.contributions.readers[0].command == "topokit-napari.get_reader"
+
+
+@pytest.fixture
+def napari(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """The real napari with the plug-in as its manifest declares it, and without a screen."""
+    monkeypatch.setenv("QT_QPA_PLATFORM", "offscreen")
+    monkeypatch.setenv("NAPARI_CONFIG", str(tmp_path / "settings.yaml"))
+    monkeypatch.syspath_prepend(str(PLUGINS / "napari"))
+    reason = "napari and Qt are not installed: pip install napari PySide6"
+    found = pytest.importorskip("napari", reason=reason)
+    pytest.importorskip("qtpy.QtWidgets", reason=reason, exc_type=ImportError)
+    npe2 = pytest.importorskip("npe2")
+    manifest = npe2.PluginManifest.from_file(PLUGINS / "napari" / "topokit_napari" / "napari.yaml")
+    npe2.PluginManager.instance().register(manifest)
+    yield found
+    npe2.PluginManager.instance().unregister(manifest.name)
+    sys.modules.pop("topokit_napari")
+
+
+def test_napari_itself_opens_a_mesh_and_shows_its_loops(napari: Any, tmp_path: Path) -> None:
+    trimesh.Trimesh(*TORUS, process=False).export(tmp_path / "torus.off")
+    viewer = napari.Viewer(show=False)
+    try:
+        body, loops = viewer.open(tmp_path / "torus.off", plugin="topokit-napari")
+        assert (type(body).__name__, type(loops).__name__) == ("Surface", "Shapes")
+        assert (body.metadata["report"]["genus"], loops.nshapes) == (1, 2)
+    finally:
+        viewer.close()
+
+
+def test_the_widget_of_napari_adds_the_tunnels_of_a_label(napari: Any) -> None:
+    viewer = napari.Viewer(show=False)
+    try:
+        labels = viewer.add_labels(ring(), scale=(2, 1, 1), translate=(5, 0, 0))
+        _, widget = viewer.window.add_plugin_dock_widget("topokit-napari", "Tunnels of a label")
+        assert widget.layer.value is labels
+        widget["label"].value = 3
+        widget()
+        added = viewer.layers[-1]
+        assert added.name == "label 3: pieces 1, tunnels 1, cavities 0"
+        assert np.allclose(np.vstack(added.data).mean(axis=0) + added.translate, (13.0, 4.0, 2.0), atol=1.5)
+    finally:
+        viewer.close()
 
 
 def test_pyvista_has_an_accessor() -> None:

@@ -33,7 +33,7 @@ def simplify(shape: Shape, below: float, handles: Handles, cavities: bool, compo
     ways |= _OF_COMPONENTS if components else frozenset()
     n_filled = 0
     if boundaries and shape.mesh is not None and not shape.is_closed:
-        n_filled, shape = shape.report().boundary_loops, without_boundaries(shape)
+        n_filled, shape = len(shape.boundaries()), without_boundaries(shape)
     made = (simplified_mesh if shape.field is None else simplified_volume)(shape, float(below), ways)
     if made.simplification is None:
         raise AssertionError(f"{made.name}: nothing says what was removed")

@@ -36,7 +36,7 @@ def read(path: str) -> list[LayerData]:
 def tunnels(layer: napari.layers.Labels, label: int = 1) -> list[napari.types.LayerDataTuple]:
     """The loops around handles and tunnels of a label, in a layer whose name is the answer."""
     report = tk.from_voxels(layer.data, label=label, spacing=tuple(layer.scale)).report(locate=True)
-    name = f"label {label}: {report.pieces} pieces, {report.tunnels} tunnels, {report.cavities} cavities"
+    name = f"label {label}: pieces {report.pieces}, tunnels {report.tunnels}, cavities {report.cavities}"
     found = _loops(report) or [([], {}, "shapes")]
     return [(data, more | {"name": name, "translate": layer.translate}, kind) for data, more, kind in found]
 

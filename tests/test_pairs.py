@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -204,3 +208,14 @@ def test_a_cloud_against_its_mesh() -> None:
     cloud = tk.from_points(torus_samples(5000).points)
     found = cloud.compare(tk.from_mesh(*torus_mesh(major=cloud.bounds[1][0] / 1.4, minor=0.4)), resolution=40)
     assert found.matched == (1, 1, 0)
+
+
+def test_files_of_the_same_name_are_told_apart(tmp_path: Path) -> None:
+    for folder, values in (("prediction", np.linspace(0, 1, 27)), ("truth", np.arange(27) > 9)):
+        (tmp_path / folder).mkdir()
+        np.save(tmp_path / folder / "case.npy", values.reshape(3, 3, 3))
+    paths = [tmp_path / folder / "case.npy" for folder in ("prediction", "truth")]
+    prediction, truth = (os.path.join(path.parent.name, path.name) for path in paths)
+    assert tk.compare(*paths, level=0.5).names == (prediction, truth)
+    with pytest.raises(tk.InputError, match=f"^{re.escape(prediction)}: the volume has more than the two values"):
+        tk.compare(*paths)

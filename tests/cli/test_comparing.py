@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 
 import numpy as np
 import pytest
@@ -34,7 +35,8 @@ def run(*arguments: object):
 def test_two_files_in_words(folders) -> None:
     found = run(folders / "pred" / "filled.npy", folders / "truth" / "filled.npy")
     assert found.exit_code == 0
-    assert found.stdout.startswith("filled.npy against filled.npy: parts 1 matched, 0 missing, 0 spurious; tunnels 0 ")
+    prediction, truth = (os.path.join(folder, "filled.npy") for folder in ("pred", "truth"))
+    assert found.stdout.startswith(f"{prediction} against {truth}: parts 1 matched, 0 missing, 0 spurious; tunnels 0 ")
     assert "  - missing filled tunnel at voxel (4, 4, 2)" in found.stdout
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +13,8 @@ import torch
 from torch import Tensor
 
 from topokit.adapters.voxels.masks import OpenedVolume, mask_of, opened_volume
+from topokit.batch.names import distinguishing_names
+from topokit.batch.sources import Source
 from topokit.comparison.result import Comparison, Matching
 from topokit.comparison.solids import compare_solids
 from topokit.core.arrays import Booleans
@@ -77,7 +80,7 @@ def compare(
     """
     if _is_volume(a) and _is_volume(b):
         first, second, ignored = _opened(a, b, spacing, ignore)
-        mine, true = (mask_of(one.values, level, label) & ~ignored for one in (first, second))
+        mine, true = (_mask(one, level, label) & ~ignored for one in (first, second))
         return compare_solids(
             mine,
             true,
@@ -161,11 +164,22 @@ def _is_volume(source: Any) -> bool:
     return is_array(source) and not isinstance(source, Shape)
 
 
+def _mask(opened: OpenedVolume, level: float | None, label: float | tuple[float, ...] | None) -> Booleans:
+    """As `mask_of`, with errors that say which volume it is."""
+    try:
+        return mask_of(opened.values, level, label)
+    except InputError as error:
+        raise InputError(f"{opened.name}: ", *error.parts) from error
+
+
 def _opened(
     a: Any, b: Any, spacing: float | Spacing | None, ignore: Ignore
 ) -> tuple[OpenedVolume, OpenedVolume, Booleans]:
     """Both volumes and which of their voxels are ignored; these are 0 in both."""
     first, second = (opened_volume(one, spacing) for one in (a, b))
+    if first.name == second.name and isinstance(a, str | os.PathLike) and isinstance(b, str | os.PathLike):
+        names = distinguishing_names([Source(Path(one), os.fspath(one)) for one in (a, b)])
+        first, second = first._replace(name=names[os.fspath(a)]), second._replace(name=names[os.fspath(b)])
     if first.grid.shape != second.grid.shape:
         raise InputError(
             f"{first.name} has {first.grid.shape} voxels and {second.name} {second.grid.shape}: resample one of them "

@@ -38,6 +38,9 @@ def test_words_that_are_usual_elsewhere_are_known() -> None:
     assert "Did you mean source?" in said(tk.from_mesh, vertices=VOLUME[0])
     assert "Did you mean generator=torch.Generator().manual_seed(...)?" in said(tk.from_sdf, abs, seed=1)
     assert "manual_seed" not in said(tk.from_points, POINTS, seed=1)  # nothing is drawn there
+    assert "TopologyLoss has no option 'pieces', 'tunnels'. Did you mean betti=(pieces, tunnels, cavities)? It" in said(
+        tk.TopologyLoss, pieces=1, tunnels=0
+    )
     assert no_option("it", ["b", "a"], ["d", "c"]) == "it has no option 'a', 'b'. It has: c, d."
 
 
@@ -46,6 +49,7 @@ def test_a_value_without_a_name_is_told_its_name() -> None:
         "from_voxels(volume) takes no value after volume without its name: write level=..., for example. It has: axis, "
     )
     assert "after normals without its name: write n_neighbors=..." in said(tk.from_points, POINTS, POINTS, 10)
+    assert said(tk.TopologyLoss, 0, 1).startswith("TopologyLoss(genus) takes no value after genus without its name: ")
     assert tk.from_voxels(VOLUME, level=0.5).report().pieces == 1
 
 

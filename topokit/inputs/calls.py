@@ -22,6 +22,7 @@ _ELSEWHERE = {
     **dict.fromkeys(("res", "grid", "n_cells"), "resolution"),
     **dict.fromkeys(("triangles", "cells"), "faces"),
     **dict.fromkeys(("vertices", "verts"), "source"),
+    **dict.fromkeys(("pieces", "tunnels"), "betti=(pieces, tunnels, cavities)"),
 }
 """What options that are usual elsewhere are called here, or how they are written."""
 
@@ -54,14 +55,16 @@ def options_by_name(likely: str) -> Callable[[Callable[Options, Result]], Callab
     """
 
     def decorate(function: Callable[Options, Result]) -> Callable[Options, Result]:
-        name, known = function.__name__, signature(function).parameters
-        by_place = [one.name for one in known.values() if one.kind is not one.KEYWORD_ONLY]
+        name = function.__qualname__.removesuffix(".__init__")
+        known = {each: one for each, one in signature(function).parameters.items() if each != "self"}
+        by_place = [each for each, one in known.items() if one.kind is not one.KEYWORD_ONLY]
+        most = len(by_place) + ("self" in signature(function).parameters)
 
         @wraps(function)
         def call(*args: Options.args, **options: Options.kwargs) -> Result:
             if wrong := options.keys() - known.keys():
                 raise TypeError(no_option(name, wrong, known))
-            if len(args) > len(by_place):
+            if len(args) > most:
                 takes = f"{name}({', '.join(by_place)}) takes no value after {by_place[-1]} without its name"
                 raise TypeError(f"{takes}: write {likely}=..., for example. It has: {', '.join(sorted(known))}.")
             return function(*args, **options)

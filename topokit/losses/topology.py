@@ -18,6 +18,7 @@ from topokit.core.grid.field import Field
 from topokit.core.grid.tau import typical_step
 from topokit.core.homotopy.nearest_solid import Change, Values
 from topokit.errors import InputError
+from topokit.inputs.calls import options_by_name
 from topokit.losses.checks import check_choice, check_count, check_tau
 from topokit.losses.field_loss import CountedSolid, FieldLoss, Reduction, batch_shape
 from topokit.losses.goal import Goal, betti_rows, goals_of
@@ -74,6 +75,7 @@ class TopologyLoss(FieldLoss):
         [True, False]
     """
 
+    @options_by_name("betti")
     def __init__(
         self,
         genus: int | Sequence[int] | None = None,

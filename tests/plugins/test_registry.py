@@ -559,7 +559,9 @@ def test_unknown_files_learn_what_is_known_what_is_not_installed_and_how_to_writ
     )
 
 
-@pytest.mark.parametrize(("name", "hint"), [("part.STEP", "STL"), ("a.blend", "STL"), ("a.vtp", "PyVista")])
+@pytest.mark.parametrize(
+    ("name", "hint"), [("part.STEP", "STL"), ("a.blend", "STL"), ("a.vtp", "PyVista"), ("slice.PNG", "one .tif")]
+)
 def test_formats_of_other_programs_are_answered_in_a_line(name: str, hint: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"1 2 3\n")
     found = message(UnknownFormatError, tmp_path / name)

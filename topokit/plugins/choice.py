@@ -21,6 +21,7 @@ _TO_EXPORT = dict.fromkeys(
     (".step", ".stp", ".iges", ".igs", ".brep", ".3dm", ".sldprt", ".fbx", ".blend", ".usd", ".usdz", ".max"),
     "Export the shape as STL or OBJ.",
 ) | {
+    **dict.fromkeys((".png", ".jpg", ".jpeg", ".bmp"), "Write the slices of a volume as one .tif, .nii or .npy."),
     ".vtp": "Open it with PyVista and pass the mesh to topokit.from_mesh, or save it as .ply or .stl.",
 }
 """Formats that are often tried, by suffix, and what to do with them."""

@@ -98,6 +98,8 @@ _OTHER_WORDS = {
     "betti": "surface_betti and solid_betti",
     "boundaries": "boundary_loops, or the shape's boundaries()",
     "is_closed": "closed",
+    "is_watertight": "closed",
+    "watertight": "closed",
     "n_components": "components",
 }
 

@@ -258,7 +258,10 @@ def test_what_cannot_be_taken_as_points_is_explained(points: Any, message: str) 
             "vertices: Refusing could not be converted through DLPack (the memory is of no kind that anybody knows); "
             "convert it to a tensor or a NumPy array first.",
         ),
-        ((np.zeros((3, 3)), ByArray(torch.full((1, 3), 0.5))), "faces must be whole numbers, got float32."),
+        (
+            (np.zeros((3, 3)), ByArray(torch.full((1, 3), 0.5))),
+            "faces must be whole numbers, got float32. For points and normals use topokit.from_points.",
+        ),
     ],
 )
 def test_what_cannot_be_taken_as_a_mesh_is_explained(source: Any, message: str) -> None:

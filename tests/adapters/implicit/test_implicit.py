@@ -610,3 +610,25 @@ def test_losses_take_compiled_networks() -> None:
             value = copy.deepcopy(loss)(tk.from_sdf(one, bounds=BOX, field_resolution=16), 0.05)
             found.append((value.detach(), *torch.autograd.grad(value, list(net.parameters()))))
         torch.testing.assert_close(found[1], found[0], rtol=1e-4, atol=1e-5)
+
+
+def test_a_network_that_was_trained_on_is_not_answered_with_what_was_measured_before() -> None:
+    class Ball(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.radius = torch.nn.Parameter(torch.tensor(0.5))
+
+        def forward(self, points: torch.Tensor) -> torch.Tensor:
+            return points.norm(dim=1) - self.radius
+
+    ball = Ball()
+    shape = tk.from_sdf(ball, bounds=(-1, 1), resolution=128)
+    with torch.no_grad():
+        ball.radius += 0.1  # nothing has been measured yet
+    assert shape.report().euler == shape.report().euler == 2
+    with torch.no_grad():
+        ball.radius -= 0.1
+    with pytest.raises(tk.InputError, match=r"weights of sdf have changed .* topokit\.from_sdf\(net\)"):
+        shape.report()
+    assert shape.smoothed_euler().isfinite()
+    assert tk.from_sdf(ball, bounds=(-1, 1), resolution=128).genus() == 0

@@ -59,9 +59,9 @@ def from_sdf(
     surface: at 512 cells three to eight million in all.
     `gauss_bonnet()` and `curvature()` use samples, the smoothed χ uses the field's own grid. Both are differentiable in
     whatever f was computed from; samples move along their normals (implicit function theorem), and which are drawn
-    is held fixed: a new shape draws anew unless it has `starts`. f must not change in between; but `smoothed_euler()`
-    and the losses evaluate it anew in every call, so that one shape serves them for a whole training. Pass `bounds`
-    then: to find them takes evaluations.
+    is held fixed: a new shape draws anew unless it has `starts`. f must not change in between, and a network
+    whose weights have changed since is refused by `report()`; but `smoothed_euler()` and the losses evaluate it anew in
+    every call, so that one shape serves them for a whole training. Pass `bounds` then: to find them takes evaluations.
 
     A network with a latent code is a function of points once the code is fixed. Gradients reach the code:
     `from_sdf(lambda x: decoder(torch.cat((code.expand(len(x), -1), x), dim=1)), bounds=box)`.

@@ -60,6 +60,11 @@ class LevelFunction:
         self.dtype, self.device = self._dtype_and_device(probe)
         self.n_evaluations = 0
 
+    def versions(self) -> tuple[int, ...]:
+        """Counters that change with the weights of a network, as in an optimizer step; none of other functions."""
+        weights = self.f.parameters() if isinstance(self.f, torch.nn.Module) else ()
+        return tuple(0 if one.is_inference() else one._version for one in weights)
+
     def __call__(self, points: Tensor) -> Tensor:
         """Values (N,) at positions (N, 3), with a graph to points and weights where gradients are on.
 

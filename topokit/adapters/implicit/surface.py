@@ -88,6 +88,7 @@ class ImplicitSurface:
         self.seed = seed
         self.starts = starts
         self.blocks = blocks
+        self._versions: tuple[int, ...] | None = None  # of the weights that the grids were evaluated with
         self._coarsest: AdaptiveField | None = None
         self._n_cells: int | None = None  # of the grid that shows the answer
         self._answer: CountedAnswer | None = None
@@ -150,8 +151,9 @@ class ImplicitSurface:
         """The integer, from grids that are refined up to the resolution.
 
         Raises:
-            InputError: as for `samples`.
+            InputError: as for `samples`; or if the weights of the network have changed since a grid was evaluated.
         """
+        self._require_same_weights()
         if self._answer is None:
             started = time.perf_counter()
             with self._shown(self.resolution):
@@ -163,6 +165,17 @@ class ImplicitSurface:
             seconds = time.perf_counter() - started
             self._answer = function_answer(study, has_distance, components, *self.bounds, seconds)
         return self._answer
+
+    def _require_same_weights(self) -> None:
+        """Refuse to answer about a network that was trained on with what was measured before."""
+        versions = self.function.versions()
+        if self._versions is None:
+            self._versions = versions
+        if self._versions != versions:
+            raise InputError(
+                f"the weights of {self.function.name} have changed since this shape was measured: make it again from "
+                "the network, topokit.from_sdf(net) or from_occupancy(net)."
+            )
 
     def _components(self, study: ConvergenceStudy) -> CountedComponents:
         """The closed surfaces on the grid that shows the answer."""
@@ -248,6 +261,7 @@ class ImplicitSurface:
 
     def _coarsest_field(self) -> AdaptiveField:
         """The field on the coarsest grid, evaluated at every vertex, once: a finer one for steep occupancies."""
+        self._require_same_weights()
         if self._coarsest is None:
             grid = Grid.covering(*self.bounds, COARSEST // 2).refined()  # an even number of cells along each axis
             field = dense_field(self.function.without_graph, grid)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -132,4 +134,32 @@ def test_blender_gets_the_lines_and_the_centers_of_the_command(tmp_path: Path) -
     assert ("not closed" in lines[0], centers) == (True, [])
     with pytest.raises(ValueError, match="set its path"):
         addon.examine("no-such-command", vertices.tolist(), faces.tolist())
-    assert "bpy" not in sys.modules
+
+
+BLENDER = """
+import sys
+import bpy
+
+addon, program = sys.argv[-2:]
+bpy.ops.preferences.addon_install(filepath=addon)
+bpy.ops.preferences.addon_enable(module="topokit_report")
+bpy.context.preferences.addons["topokit_report"].preferences.program = program
+bpy.ops.mesh.primitive_torus_add(location=(5, 0, 0))
+bpy.context.active_object.modifiers.new("finer", "SUBSURF")
+print(bpy.ops.mesh.topokit_report())
+print(*(one.name for one in bpy.data.objects if one.name.startswith("handle")))
+print(*(round(x) for x in bpy.data.objects["handle 1"].location))
+"""
+
+
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="Blender is not installed: pip install bpy")
+def test_blender_itself_marks_the_handle_of_a_torus(tmp_path: Path) -> None:
+    program = tmp_path / "topokit"
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m topokit "$@"\n')
+    program.chmod(0o755)
+    (tmp_path / "script.py").write_text(BLENDER)
+    words = [sys.executable, str(tmp_path / "script.py"), str(PLUGINS / "blender" / "topokit_report.py"), str(program)]
+    home = os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "blender")}
+    ran = subprocess.run(words, env=home, capture_output=True, text=True, timeout=250)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.splitlines()[-3:] == ["{'FINISHED'}", "handle 1", "5 0 0"], ran.stdout

@@ -35,7 +35,8 @@ def packed_adapters() -> bytes:
         except (pickle.PicklingError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
                 f"adapter {name!r} was registered in this process and cannot be sent to others ({summary(error)}). "
-                "Let it create what it holds in open(), declare it in an installed package, or pass jobs=1."
+                "Let it create what it holds in open(), declare it in an installed package, or pass jobs=1 without "
+                "limits."
             ) from error
     _agreed = pickle.dumps(packed)
     return _agreed

@@ -97,9 +97,7 @@ class CountedAnswer:
 _OTHER_WORDS = {
     "betti": "surface_betti and solid_betti",
     "boundaries": "boundary_loops, or the shape's boundaries()",
-    "is_closed": "closed",
-    "is_watertight": "closed",
-    "watertight": "closed",
+    **dict.fromkeys(("is_closed", "is_watertight", "watertight"), "closed"),
     "n_components": "components",
 }
 

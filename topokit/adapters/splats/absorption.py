@@ -12,6 +12,7 @@ from torch import Tensor
 from topokit.adapters.splats.geometry import rotation_matrices, thickness
 from topokit.core.components import Corner
 from topokit.core.grid.grid import Spacing
+from topokit.core.opacity.depth import least_depth
 from topokit.core.opacity.solid import Gaussians, grid_around, typical_spacing
 from topokit.errors import InputError
 
@@ -55,4 +56,4 @@ def optical_depth(splats: GaussianSplats, step: float | None = None) -> OpticalD
         raise InputError(f"step is {step!r}; a positive length in units of the means was expected.")
     gaussians = gaussians_of(splats)
     grid = grid_around(gaussians.means, step or _STEP * typical_spacing(gaussians.means))
-    return OpticalDepth(gaussians.depth(grid), grid.spacing, grid.origin)
+    return OpticalDepth(least_depth(gaussians.extinction(grid), grid.cell), grid.spacing, grid.origin)

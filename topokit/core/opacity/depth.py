@@ -6,6 +6,8 @@ nothing opaque is before it, as in a flood that stops at walls, whose strength a
 
 from __future__ import annotations
 
+import heapq
+import math
 from typing import Any
 
 import numpy as np
@@ -19,52 +21,46 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.blocks.compiled import compiled
 
 _CLEAR = 1e-4  # optical depth on a way through the whole grid that is still called air
-_SOURCE = -1  # in the table of predecessors: the path begins here
+_OFFSETS = np.array([offset for offset in np.ndindex(3, 3, 3) if offset != (1, 1, 1)]) - 1  # to the 26 neighbors
 
 
-def least_depth(extinction: Tensor, cell: float) -> Tensor:
+def least_depth(extinction: Tensor, cell: float, most: float = math.inf) -> Tensor:
     """The optical depth of the clearest path from outside the grid to each vertex; steps go to 26 neighbors.
 
     Args:
         extinction: (X, Y, Z) float64 on the CPU, not negative, in 1 / length. Its outermost layer counts as air.
         cell: step of the grid, in units of length.
+        most: depth from which paths are not followed; what lies deeper has this depth.
 
     Returns:
         (X, Y, Z) float64, 0 in the air around; differentiable in the extinction at fixed paths.
     """
-    depth: Tensor = _LeastDepth.apply(extinction, cell)
+    depth: Tensor = _LeastDepth.apply(extinction, cell, most)
     return depth
 
 
 class _LeastDepth(torch.autograd.Function):
     @staticmethod
-    def forward(context: Any, extinction: Tensor, cell: float) -> Tensor:
-        from skimage.graph import MCP_Geometric
-
+    def forward(context: Any, extinction: Tensor, cell: float, most: float) -> Tensor:
         steps = _within(extinction.detach().numpy() * cell)
+        depth, before = np.full(steps.shape, most), np.full(steps.shape, -1, dtype=np.int8)
         air = _air(steps)
-        search = MCP_Geometric(np.where(air, -1.0, steps), fully_connected=True)  # negative: no path leads there
-        starts = np.argwhere(ndimage.binary_dilation(air, np.ones((3, 3, 3))) & ~air)
-        if len(starts):
-            depth, before = search.find_costs(starts)
-        else:
-            depth, before = np.zeros(air.shape), np.full(air.shape, _SOURCE)
-        context.found = before, np.asarray(search.offsets, dtype=np.int64), cell
         depth[air] = 0
-        context.save_for_backward(torch.from_numpy(depth))
-        return torch.from_numpy(depth)
+        _follow(steps.ravel(), air.ravel(), *_strides(steps.shape), depth.reshape(-1), before.reshape(-1))
+        found = torch.from_numpy(depth)
+        context.save_for_backward(found)
+        context.paths = before, cell
+        return found
 
     @staticmethod
     @once_differentiable
     def backward(context: Any, slope: Tensor) -> tuple[Tensor | None, ...]:
-        before, offsets, cell = context.found
+        before, cell = context.paths
         [depth] = context.saved_tensors
         order = np.argsort(-depth.numpy(), axis=None)[: int((depth > 0).sum())]  # the end of each path first
         flow = slope.numpy().copy().reshape(-1)
-        strides = np.array([depth.shape[1] * depth.shape[2], depth.shape[2], 1])
-        lengths = np.linalg.norm(offsets, axis=1) * cell
-        found = _flow_back(order, before.reshape(-1), offsets @ strides, lengths, flow)
-        return torch.from_numpy(_within(found.reshape(depth.shape))), None
+        found = _flow_back(order, before.reshape(-1), *_strides(depth.shape), flow) * cell
+        return torch.from_numpy(_within(found.reshape(depth.shape))), None, None
 
 
 def _within(values: Floats) -> Floats:
@@ -79,16 +75,60 @@ def _air(steps: Floats) -> Booleans:
     return found
 
 
+def _strides(shape: tuple[int, ...]) -> tuple[Integers, Floats]:
+    """To each of the 26 neighbors: the difference of flat indices, and the distance in cells."""
+    return _OFFSETS @ np.array([shape[1] * shape[2], shape[2], 1]), np.linalg.norm(_OFFSETS, axis=1)
+
+
 @compiled
-def _flow_back(order: Integers, before: NDArray[np.int32], strides: Integers, lengths: Floats, flow: Floats) -> Floats:
+def _follow(
+    steps: Floats, air: Booleans, strides: Integers, lengths: Floats, depth: Floats, before: NDArray[np.int8]
+) -> None:
+    """Write the depths, and the neighbor from which each path comes, by the algorithm of Dijkstra.
+
+    Args:
+        steps: (N,) optical depth of a step in the cell around each vertex.
+        air: (N,), the outermost layer with it: where paths begin, and none leads to.
+        strides: (26,) to the neighbors.
+        lengths: (26,) of the ways there, in cells.
+        depth: (N,), to be lowered from the largest depth that matters; 0 in the air.
+        before: (N,), −1.
+    """
+    paths = [(0.0, 0)]
+    paths.pop()
+    for vertex in range(len(steps)):
+        if air[vertex]:
+            continue
+        for stride in strides:
+            if air[vertex + stride]:
+                depth[vertex] = 0.0
+                paths.append((0.0, vertex))  # equal keys are a heap already
+                break
+    while paths:
+        so_far, vertex = heapq.heappop(paths)
+        if so_far > depth[vertex]:
+            continue
+        for number in range(len(strides)):
+            other = vertex + strides[number]
+            if air[other]:
+                continue
+            further = so_far + (steps[vertex] + steps[other]) / 2 * lengths[number]
+            if further < depth[other]:
+                depth[other] = further
+                before[other] = number
+                heapq.heappush(paths, (further, other))
+
+
+@compiled
+def _flow_back(order: Integers, before: NDArray[np.int8], strides: Integers, lengths: Floats, flow: Floats) -> Floats:
     """Slopes by the extinction at each vertex: half a step's length for all paths that pass through it."""
     found = np.zeros(len(flow))
     for vertex in order:
-        offset = before[vertex]
-        if flow[vertex] == 0 or offset < 0:
+        number = before[vertex]
+        if flow[vertex] == 0 or number < 0:
             continue
-        previous = vertex - strides[offset]
-        half = flow[vertex] * lengths[offset] / 2
+        previous = vertex - strides[number]
+        half = flow[vertex] * lengths[number] / 2
         found[vertex] += half
         found[previous] += half
         flow[previous] += flow[vertex]

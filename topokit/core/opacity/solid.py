@@ -33,13 +33,14 @@ from topokit.core.surface import TriangleSurface
 OPAQUE = math.log(2)  # optical depth: half of the light is absorbed
 
 _DEPTHS = (OPAQUE / 2, OPAQUE)  # from which a place is hidden: 30 and 50 % of the light
+_DEEPEST = 2 * OPAQUE  # to which light is followed
 _STEPS = (0.7, 0.5)  # of grids, in spacings of the Gaussians
-_CLOSINGS = (0.0, 1.0)  # cells: gaps up to twice as wide are closed
+_CLOSINGS = (0.0, 1.0)  # cells by which walls are thickened before light enters: gaps twice as wide are closed
 _MOST_VERTICES = 200**3  # of a grid; what is larger gets larger cells
 _NEIGHBORS = 8  # of each Gaussian, which tell the spacing
 _PROBES = 20_000  # Gaussians whose spacing is measured
 _HIDDEN = 2.0  # spacings below the surface from which a disc is no part of it
-_FINEST = 2.0  # spacings: no resolution is better, where discs lie a cell inside and gaps of two cells are closed
+_FINEST = 4.0  # cells: no resolution is better, where discs lie a cell inside and gaps of two cells are closed
 _NARROWEST = 2.5  # spacings: pieces smaller than a ball so wide are specks
 
 
@@ -58,18 +59,10 @@ class Gaussians(NamedTuple):
     integrals: Tensor
     is_disc: Tensor
 
-    def depth(self, grid: Grid, closing: float = 0.0) -> Tensor:
-        """The least optical depth on a grid, each Gaussian smoothed over a cell; see `least_depth`.
-
-        Args:
-            grid: around the means; its outermost layer counts as air.
-            closing: radius in cells by which walls are thickened before light enters.
-        """
+    def extinction(self, grid: Grid) -> Tensor:
+        """The extinction on a grid (X, Y, Z), Gaussians smoothed over a cell: none falls between vertices."""
         smoothing = grid.cell**2 * torch.eye(3, dtype=torch.float64)
-        found = extinction(self.means, self.covariances.double().cpu() + smoothing, self.integrals, grid)
-        if closing:
-            found = torch.from_numpy(ndimage.grey_dilation(found.numpy(), footprint=_ball(closing)))
-        return least_depth(found, grid.cell)
+        return extinction(self.means, self.covariances.double().cpu() + smoothing, self.integrals, grid)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +116,10 @@ def read_opacity(gaussians: Gaussians, finer_than: float | None = None) -> Opaci
     started = time.perf_counter()
     gaussians, unit, center = _in_unit_box(gaussians)
     spacing = typical_spacing(gaussians.means)
-    if finer_than is not None and _FINEST * spacing * unit > finer_than:
+    grids = _grids(gaussians.means, spacing)
+    if finer_than is not None and _FINEST * grids[-1].cell * unit > finer_than:
         return None
-    solids = [one for grid in _grids(gaussians.means, spacing) for one in _solids(gaussians, grid, spacing)]
+    solids = [one for grid in grids for one in _solids(gaussians, grid, spacing)]
     if not all((one.values > 0).any() for one in solids):
         return None
     eulers = tuple(euler for one in solids for euler in one.eulers)
@@ -176,29 +170,33 @@ def grid_around(means: Tensor, step: float) -> Grid:
     """
     points = means.detach().double().cpu()
     low, high = points.amin(0), points.amax(0)
+    smallest = float((high - low).max()) / _MOST_VERTICES  # of a line of points; growing by shares, whatever was asked
     while True:
-        margin = (2 * REACH + 1) * step
-        x, y, z = (int(cells) + 2 for cells in ((high - low + 2 * margin) / step).tolist())
+        one = max(step, smallest)
+        margin = (2 * REACH + 1) * one
+        x, y, z = (int(cells) + 2 for cells in ((high - low + 2 * margin) / one).tolist())
         if x * y * z <= _MOST_VERTICES:
             a, b, c = (low - margin).tolist()
-            return Grid((x, y, z), (step, step, step), (a, b, c))
-        step *= 1.02 * max((x * y * z / _MOST_VERTICES) ** (1 / 3), 1.0)
+            return Grid((x, y, z), (one, one, one), (a, b, c))
+        smallest *= 1.02
 
 
 def _grids(means: Tensor, spacing: float) -> list[Grid]:
     """One for each step, coarsest first; one alone where all would have too many vertices."""
-    grids = [grid_around(means, step * spacing) for step in _STEPS]
-    return list(dict.fromkeys(grids))
+    return list(dict.fromkeys(grid_around(means, step * spacing) for step in _STEPS))
 
 
 def _solids(gaussians: Gaussians, grid: Grid, spacing: float) -> Iterator[_Solid]:
     speck = math.pi / 6 * (_NARROWEST * spacing / grid.cell) ** 3  # voxels
+    walls = gaussians.extinction(grid)
     for closing in _CLOSINGS:
-        depth = gaussians.depth(grid, closing).numpy()
+        if closing:
+            walls = torch.from_numpy(ndimage.grey_dilation(walls.numpy(), footprint=_ball(closing)))
+        depth = least_depth(walls, grid.cell, _DEEPEST).numpy()
         for level in _DEPTHS:
             values = depth - level
             if closing:  # light that has come as far as the thickened walls let it goes on to the walls themselves
-                values = ndimage.distance_transform_edt(values > 0) - closing
+                values = np.where(ndimage.binary_erosion(values > 0, _ball(closing)), 1.0, -1.0)
             values[_specks(values > 0, speck)] = -1.0
             found = torch.from_numpy(values)
             yield _Solid(values, grid, (int(surface_euler(found, 0.0, 6)), int(surface_euler(found, 0.0, 26))))

@@ -15,6 +15,8 @@ from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.votes import Vote
 from topokit.core.local.boundary import BoundaryCurve, BoundaryEstimate
+from topokit.core.opacity.solid import OpacityReading
+from topokit.core.surface import TriangleSurface
 from topokit.report.cloud_wording import check_sentences, open_sentences
 from topokit.report.confidence import EVIDENCE, cloud_confidence
 from topokit.report.verdict import (
@@ -30,10 +32,13 @@ from topokit.report.verdict import (
     lasting_euler,
     lids,
     mesh_verdict,
+    opacity_contradicts,
+    opacity_decides,
     open_checks,
     overlaps,
     volume_verdict,
     wire_checks,
+    with_opacity,
     without_doubts,
 )
 from topokit.testing import torus_samples
@@ -178,9 +183,48 @@ def test_balls_decide_where_they_last() -> None:
 
 
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
-    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped"}  # in the tests below and above
+    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped", "opacity", "hidden", "finer"}
     assert {*CLOUD_RULES, *WIRE_RULES, *OPEN_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
+
+
+def seen_as(euler: int, n_readings: int = 16, **values: float) -> OpacityReading:
+    """A reading of opacity in which so many of 16 give an integer and the others −8; twice as fine as a witness."""
+    eulers = (euler,) * n_readings + (-8,) * (16 - n_readings)
+    given = {"hidden": 0.0, "resolution": a_witness().resolution / 2} | values
+    surface = TriangleSurface(np.zeros((3, 3)), np.arange(3)[None])
+    return OpacityReading(eulers, euler, n_readings / 16, surface=surface, seconds=0.0, **given)
+
+
+def test_opacity_agrees_if_enough_readings_have_the_integer_and_few_discs_are_hidden() -> None:
+    doubtful, contradicted = a_witness(quality={"coverage": 0.0}), a_witness(**split("cut", 1, 9))
+    enough = int(16 * limit("opacity"))
+    for witness, seen, verdict in (
+        (doubtful, seen_as(doubtful.euler, enough), "likely"),
+        (doubtful, seen_as(doubtful.euler, enough - 1), "unsure"),
+        (doubtful, seen_as(doubtful.euler, hidden=limit("hidden")), "likely"),
+        (doubtful, seen_as(doubtful.euler, hidden=1.01 * limit("hidden")), "unsure"),
+        (contradicted, seen_as(contradicted.euler), "unsure"),  # most votes of the samples are needed still
+    ):
+        assert cloud_verdict(with_opacity(cloud_checks(witness, rim()), seen, witness)) == verdict
+
+
+def test_opacity_contradicts_a_likely_integer_if_it_shows_finer_features() -> None:
+    witness = a_witness()
+    finest = limit("finer") * witness.resolution
+    enough = int(16 * limit("opacity"))
+    for seen, contradicts, decides in (
+        (seen_as(0, resolution=finest), True, True),
+        (seen_as(0, enough, resolution=finest), True, False),
+        (seen_as(0, enough - 1), False, False),
+        (seen_as(0, resolution=1.01 * finest), False, False),
+        (seen_as(0, hidden=1.01 * limit("hidden")), False, False),
+        (seen_as(witness.euler), False, False),
+    ):
+        assert opacity_contradicts(seen, witness) is contradicts
+        assert opacity_decides(seen, witness) is decides
+        checks = with_opacity(cloud_checks(witness, rim()), seen, witness)
+        assert cloud_verdict(checks) == ("unsure" if contradicts else "likely")
 
 
 def test_clouds_with_lids_or_long_curves_are_open() -> None:

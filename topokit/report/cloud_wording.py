@@ -126,7 +126,7 @@ def opaque_sentence(seen: OpacityReading, witness: Witness) -> str:
     """That the integer is that of opacity, and not of the samples."""
     return (
         f"What cannot be seen into from outside has χ = {seen.euler} in all {len(seen.eulers)} readings; the samples "
-        f"alone give χ = {witness.euler}, which is not sure:"
+        f"alone give χ = {witness.euler}."
     )
 
 

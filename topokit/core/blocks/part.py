@@ -145,14 +145,14 @@ def _with_background(
 ) -> tuple[Booleans, Triple, Triple]:
     """A block with its layers of background, its place, and the shape of the volume with them."""
     layers = [int(not wraps) for wraps in periodic]  # at either end of the volume
-    befores = [layer * (start == 0) for layer, (start, _) in zip(layers, box, strict=True)]
-    afters = [layer * (stop == n) for layer, (_, stop), n in zip(layers, box, shape, strict=True)]
-    x, y, z = (start + layer - before for (start, _), layer, before in zip(box, layers, befores, strict=True))
+    first_layers = [layer * (start == 0) for layer, (start, _) in zip(layers, box, strict=True)]
+    last_layers = [layer * (stop == n) for layer, (_, stop), n in zip(layers, box, shape, strict=True)]
+    x, y, z = (start + layer - before for (start, _), layer, before in zip(box, layers, first_layers, strict=True))
     n_x, n_y, n_z = (n + 2 * layer for n, layer in zip(shape, layers, strict=True))
     background_is_six = connectivity == 26
-    sides = zip(befores, inside.shape, afters, strict=True)
+    sides = zip(first_layers, inside.shape, last_layers, strict=True)
     is_six = np.full([before + n + after for before, n, after in sides], background_is_six)
-    within = is_six[tuple(slice(before, before + n) for before, n in zip(befores, inside.shape, strict=True))]
+    within = is_six[tuple(slice(before, before + n) for before, n in zip(first_layers, inside.shape, strict=True))]
     np.not_equal(inside, background_is_six, out=within)
     return is_six, (x, y, z), (n_x, n_y, n_z)
 

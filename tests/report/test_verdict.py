@@ -173,6 +173,8 @@ def test_each_rule_of_open_clouds_decides_alone_at_its_limit(name: str) -> None:
 def test_open_clouds_have_a_rim_and_enough_samples() -> None:
     assert cloud_verdict(open_checks(1, 1, 0, a_sheet(components=1, closed=1), None)) == "unsure"
     assert cloud_verdict(open_checks(1, 1, 1, None, None)) == "unsure"
+    ring = open_checks(1, 2, 1, a_sheet(), None, has_open_ring=True)
+    assert [check.name for check in ring if not check.passed] == ["ring"]
     two_sheets = a_witness(quality={"double": limit("double") + 0.01})
     assert cloud_verdict(open_checks(1, 2, 1, a_sheet(), two_sheets)) == "unsure"
 
@@ -183,7 +185,7 @@ def test_balls_decide_where_they_last() -> None:
 
 
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
-    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped", "opacity", "hidden", "finer"}
+    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped", "opacity", "hidden", "finer", "ring"}
     assert {*CLOUD_RULES, *WIRE_RULES, *OPEN_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
 

@@ -10,10 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from topokit.core.arrays import Floats
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
+from topokit.core.local.nested_rims import has_open_ring
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.core.opacity.solid import OpacityReading
@@ -150,10 +152,21 @@ def _open_report(found: Examination) -> TopologyReport:
     """
     parts = _cloud_components(found)
     sheet, trials = found.sheet, _open_surfaces(found, len(parts))
-    checked = [open_checks(one.euler, one.components, len(one.widths), sheet, found.witness) for one in trials]
+    samples, spacing = found.part.samples.points.cpu().double().numpy(), found.part.boundary.spacing
+    checked = [
+        open_checks(
+            one.euler,
+            one.components,
+            len(one.rims),
+            sheet,
+            found.witness,
+            has_open_ring=has_open_ring(one.rims, samples, spacing),
+        )
+        for one in trials
+    ]
     best = next((number for number, checks in enumerate(checked) if cloud_verdict(checks) == "likely"), 0)
     known, checks = trials[best], checked[best]
-    rims, components = len(known.widths), known.components
+    rims, components = len(known.rims), known.components
     deciding, others = open_sentences(checks, sheet, known.euler, components)
     lasting = known.euler if sheet is None else lasting_euler(sheet, known.euler)
     is_taken = known.of_sheet or fitting_genus(lasting, rims, components) is not None
@@ -182,14 +195,19 @@ class _OpenSurface:
     Attributes:
         components: parts of the surface.
         euler: the nearest to what was measured that a surface with so many parts and rims has.
-        widths: of the rims that could be traced, the widest first.
+        rims: points (N, 3) of those that could be traced, the widest first.
         of_sheet: whether it is a sheet rather than a solid with holes.
     """
 
     components: int
     euler: int
-    widths: tuple[float, ...]
+    rims: tuple[Floats, ...]
     of_sheet: bool
+
+    @property
+    def widths(self) -> tuple[float, ...]:
+        """The longest sides of the boxes around the rims."""
+        return tuple(_width(rim) for rim in self.rims)
 
 
 def _open_surfaces(found: Examination, n_parts: int) -> list[_OpenSurface]:
@@ -201,21 +219,21 @@ def _open_surfaces(found: Examination, n_parts: int) -> list[_OpenSurface]:
     witness, curves = found.witness, found.part.boundary.curves
     covers, trials = lids(witness), []
     if curves or witness is None:
-        widths = [_width(found.part, curve.index.numpy()) for curve in curves]
-        trials.append(_open_surface(n_parts, len(curves), found.part.estimate, widths, True))
+        rims = [_points(found.part, curve.index.numpy()) for curve in curves]
+        trials.append(_open_surface(n_parts, len(curves), found.part.estimate, rims, True))
     if witness is not None and (covers or not curves):
         is_solid = is_mostly_seen(witness)
-        widths = [_width(found, cover.samples) for cover in covers] if is_solid else []
+        rims = [_points(found, cover.samples) for cover in covers] if is_solid else []
         euler = float(_solid_euler(witness) - len(covers))
-        solid = _open_surface(witness.components + witness.cavities, len(covers), euler, widths, not is_solid)
+        solid = _open_surface(witness.components + witness.cavities, len(covers), euler, rims, not is_solid)
         trials.insert(0 if is_solid else len(trials), solid)
     return trials
 
 
-def _open_surface(components: int, discs: int, nearest: float, widths: list[float], of_sheet: bool) -> _OpenSurface:
+def _open_surface(components: int, discs: int, nearest: float, rims: list[Floats], of_sheet: bool) -> _OpenSurface:
     most = 2 * components - discs
     euler = min(most, most - 2 * round((most - nearest) / 2))
-    return _OpenSurface(components, euler, tuple(sorted(widths, reverse=True)), of_sheet)
+    return _OpenSurface(components, euler, tuple(sorted(rims, key=_width, reverse=True)), of_sheet)
 
 
 def _solid_euler(witness: Witness) -> int:
@@ -223,11 +241,14 @@ def _solid_euler(witness: Witness) -> int:
     return witness.euler if witness.has_genus or witness.surface is None else witness.surface.euler
 
 
-def _width(found: Examination, rows: NDArray[np.int64]) -> float:
-    """The longest side of the box of some samples."""
-    points = found.samples.points[torch.from_numpy(rows).to(found.samples.points.device)]
-    low, high = points.aminmax(dim=0)
-    return float((high - low).max())
+def _points(found: Examination, rows: NDArray[np.int64]) -> Floats:
+    points: Floats = found.samples.points.cpu()[torch.from_numpy(rows)].double().numpy()
+    return points
+
+
+def _width(points: Floats) -> float:
+    """The longest side of the box of some points."""
+    return float(np.ptp(points, axis=0).max())
 
 
 def _without_solid(found: Examination) -> TopologyReport:

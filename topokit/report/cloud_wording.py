@@ -79,6 +79,11 @@ _SENTENCES = {
     ),
     "pieces": ("", "The union of balls has {ball_pieces}, not {components}."),
     "rims": ("", "Every part of an open surface has a rim, but only {value:.0f} could be traced."),
+    "ring": (
+        "",
+        "A rim lies within another one in the same plane, with nothing between them. A disc in each was assumed; if "
+        "the ring between them was not seen, as an underside, the genus is larger.",
+    ),
     "wire_range": (
         "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
         "of balls around the points gives χ = {euler} for radii from {smallest:.2g} to {largest:.2g} sample spacings, "

@@ -196,6 +196,7 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "contradictory": "the given normals do not contradict each other",
         "pieces": "the union of balls around the samples of an open cloud has as many parts",
         "rims": "an open cloud has a rim for each part that encloses no space",
+        "ring": "no rim lies within another one in a plane, with nothing between them",
     }
 )
 """Checks without a limit."""
@@ -328,7 +329,13 @@ def opacity_decides(seen: OpacityReading, witness: Witness) -> bool:
 
 
 def open_checks(
-    euler: int, components: int, n_rims: int, sheet: SheetReading | None, witness: Witness | None
+    euler: int,
+    components: int,
+    n_rims: int,
+    sheet: SheetReading | None,
+    witness: Witness | None,
+    *,
+    has_open_ring: bool = False,
 ) -> tuple[Check, ...]:
     """The conditions under which the integer of an open cloud is likely.
 
@@ -338,6 +345,7 @@ def open_checks(
         n_rims: its known rims.
         sheet: the union of balls around the samples, or None if these are too few.
         witness: what was found of a closed surface, or None if there is none.
+        has_open_ring: whether a rim lies within another one in a plane, and no surface between the two.
     """
     if sheet is None:
         return (Check("points", 0.0, False),)
@@ -345,6 +353,7 @@ def open_checks(
         _check("balls", sheet.shares.get(euler, 0.0)),
         Check("pieces", float(sheet.components), sheet.components == components),
         Check("rims", float(n_rims), n_rims >= max(components - sheet.closed, 1)),
+        Check("ring", float(n_rims), not has_open_ring),
     ]
     if witness is not None:
         checks += _unless_passed("double", witness.quality.double)

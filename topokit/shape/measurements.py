@@ -47,7 +47,7 @@ class Measurements:
             name: of the shape, for error messages.
             opacity: reads the solid that cannot be seen into.
         """
-        self.opacity = opacity
+        self._opacity = opacity
         self._given_samples, self._given_counted = samples, counted
         self._may_leave_box, self._n_neighbors, self._name = may_leave_box, n_neighbors, name
         self._found: dict[str, tuple[tuple[int, ...], Any]] = {}
@@ -55,8 +55,7 @@ class Measurements:
     def __getstate__(self) -> dict[str, Any]:
         """What is pickled: the samples and the counted answer instead of the functions that make them."""
         made: dict[str, Any] = {"_given_samples": self.samples, "_given_counted": self.counted, "_found": {}}
-        kept = {name: value for name, value in self.__dict__.items() if name.startswith("_") or name == "opacity"}
-        return kept | made
+        return {name: value for name, value in self.__dict__.items() if name.startswith("_")} | made
 
     def replace(self, n_neighbors: int | None, name: str) -> Measurements:
         """A copy for a shape with another number of neighbors or name; all that is known is shared."""
@@ -145,7 +144,7 @@ class Measurements:
                 item,
                 known_closed=self.known_closed,
                 neighbors=neighbors_of(number, item.n_points),
-                opacity=self.opacity,
+                opacity=self._opacity,
             )
             for number, item in enumerate(self.samples.items())
         )

@@ -88,6 +88,7 @@ class Shape:
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
     _bounded: Bounded | None
     _curve: Callable[[Levels], EulerCurve] | None
+    _opacity: ReadOpacity | None
 
     def __init__(
         self,
@@ -124,6 +125,7 @@ class Shape:
             _find_defects=defects,
             _bounded=bounded,
             _curve=curve,
+            _opacity=opacity,
         )
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -195,7 +197,7 @@ class Shape:
             defects=self._find_defects,
             bounded=self._bounded,
             curve=self._curve,
-            opacity=self._known.opacity,
+            opacity=self._opacity,
             field=self.field,
             mesh=mesh,
             name=self.name,

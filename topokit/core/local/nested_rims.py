@@ -28,8 +28,10 @@ def has_open_ring(rims: Sequence[Floats], samples: Floats, spacing: float) -> bo
         samples: (M, 3), of the surface.
         spacing: of the samples, in units of length.
     """
-    tree = cKDTree(samples) if len(rims) > 1 else None
-    return tree is not None and any(_is_ring(outer, inner, tree, spacing) for outer, inner in permutations(rims, 2))
+    if len(rims) < 2:
+        return False
+    tree = cKDTree(samples)
+    return any(_is_ring(outer, inner, tree, spacing) for outer, inner in permutations(rims, 2))
 
 
 def _is_ring(outer: Floats, inner: Floats, tree: cKDTree, spacing: float) -> bool:

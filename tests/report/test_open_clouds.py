@@ -42,3 +42,28 @@ def test_what_is_cut_off_must_be_larger_than_gaps_between_samples() -> None:
         points = known.points[(known.points - north).norm(dim=1) > radius * spacing]
         report = tk.from_points(points).report()  # a gap of three spacings is one among random samples
         assert (report.closed, report.verdict) == (closed, verdict)
+
+
+@pytest.mark.parametrize("with_normals", [True, False])
+def test_a_torus_on_a_table_has_a_ring_under_it(with_normals: bool) -> None:
+    known = torus_samples(6000)
+    kept = known.points[:, 2] > -0.25  # the tube has radius 0.4
+    shape = tk.from_points(known.points[kept], known.normals[kept] if with_normals else None)
+    report = shape.report()
+    assert (report.euler, report.components, report.boundary_loops, report.closed) == (0, 1, 2, False)
+    assert (report.genus, report.verdict) == (1, "unsure")  # an annulus if its rims are closed by discs
+    assert any("under a ring" in reason for reason in report.reasons[: report.n_deciding])
+    assert shape.genus() == 1
+    with pytest.raises(tk.GenusError):
+        shape.genus(cap=False)
+    surface = shape.surface()
+    assert (surface.euler_number, surface.is_watertight) == (0, False)
+    assert float(surface.vertices[:, 2].min()) > -0.26  # without its caps
+
+
+def test_half_a_torus_has_two_round_ends() -> None:
+    known = torus_samples(8000, generator=torch.Generator().manual_seed(1))
+    report = tk.from_points(known.points[known.points[:, 0] < 0]).report()
+    assert (report.euler, report.boundary_loops, report.genus, report.verdict) == (0, 2, 0, "likely")
+    assert max(report.rim_widths) == pytest.approx(0.8, abs=0.1)
+    assert any("planes of its holes" in reason for reason in report.reasons)

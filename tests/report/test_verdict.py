@@ -19,6 +19,7 @@ from topokit.core.opacity.solid import OpacityReading
 from topokit.core.surface import TriangleSurface
 from topokit.report.cloud_wording import check_sentences, open_sentences
 from topokit.report.confidence import EVIDENCE, cloud_confidence
+from topokit.report.open_surface import OpenSurface
 from topokit.report.verdict import (
     CONDITIONS,
     THRESHOLDS,
@@ -156,6 +157,9 @@ OPEN_RULES: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 """Of two parts with χ = 1 and one rim."""
 
 
+AN_OPEN_SURFACE = OpenSurface(components=2, euler=1, rims=(np.zeros((3, 3)),), of_sheet=False)
+
+
 def a_sheet(**changed: Any) -> SheetReading:
     return SheetReading(**({"shares": {1: 1.0}, "components": 2, "closed": 1} | changed))
 
@@ -167,14 +171,17 @@ def test_each_rule_of_open_clouds_decides_alone_at_its_limit(name: str) -> None:
     checks = open_checks(1, 2, 1, a_sheet(**broken), None)
     assert {check.name for check in checks if not check.passed} == {name}
     assert cloud_verdict(checks) == "unsure"
-    assert all("{" not in sentence for part in open_sentences(checks, a_sheet(**broken), 1, 2) for sentence in part)
+    assert all(
+        "{" not in sentence for part in open_sentences(checks, a_sheet(**broken), AN_OPEN_SURFACE) for sentence in part
+    )
 
 
 def test_open_clouds_have_a_rim_and_enough_samples() -> None:
     assert cloud_verdict(open_checks(1, 1, 0, a_sheet(components=1, closed=1), None)) == "unsure"
     assert cloud_verdict(open_checks(1, 1, 1, None, None)) == "unsure"
-    ring = open_checks(1, 2, 1, a_sheet(), None, has_open_ring=True)
+    ring = open_checks(1, 2, 1, a_sheet(), None, has_ring=True)
     assert [check.name for check in ring if not check.passed] == ["ring"]
+    assert all("{" not in line for part in open_sentences(ring, a_sheet(), AN_OPEN_SURFACE) for line in part)
     two_sheets = a_witness(quality={"double": limit("double") + 0.01})
     assert cloud_verdict(open_checks(1, 2, 1, a_sheet(), two_sheets)) == "unsure"
 

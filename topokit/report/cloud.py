@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.core.arrays import Floats
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
-from topokit.core.components import SurfaceComponent, fitting_genus, genus_of
+from topokit.core.components import SurfaceComponent, genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
-from topokit.core.local.nested_rims import has_open_ring
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.core.opacity.solid import OpacityReading
 from topokit.report.advice import cloud_advice
 from topokit.report.cloud_wording import (
+    cap_sentences,
     check_sentences,
     confidence_sentences,
     opaque_sentence,
@@ -29,11 +27,12 @@ from topokit.report.cloud_wording import (
     preparation_sentences,
 )
 from topokit.report.examination import Examination
+from topokit.report.open_surface import OpenSurface, open_surfaces
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import (
+    Check,
     Verdict,
     cloud_verdict,
-    is_mostly_seen,
     is_open,
     lasting_euler,
     lids,
@@ -145,110 +144,43 @@ def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:
 
 
 def _open_report(found: Examination) -> TopologyReport:
-    """The surface that ends along its rims: that of a solid without the lids over its holes, or an open sheet.
+    """The surface that ends along its rims: that of a solid without the caps over its holes, or an open sheet.
 
-    χ, components, rims and genus are those of one surface: with a disc in every rim it has the same genus. Where the
-    union of balls has another χ for nearly all radii, that is taken, unless no such surface has these rims.
+    χ, components and rims are those of one surface; the genus is that with its holes closed, by caps or by discs. Where
+    the union of balls has another χ for nearly all radii, that is taken, unless no such surface has these rims.
     """
-    parts = _cloud_components(found)
-    sheet, trials = found.sheet, _open_surfaces(found, len(parts))
-    samples, spacing = found.part.samples.points.cpu().double().numpy(), found.part.boundary.spacing
+    sheet, trials = found.sheet, open_surfaces(found)
     checked = [
-        open_checks(
-            one.euler,
-            one.components,
-            len(one.rims),
-            sheet,
-            found.witness,
-            has_open_ring=has_open_ring(one.rims, samples, spacing),
-        )
+        open_checks(one.euler, one.components, len(one.rims), sheet, found.witness, has_ring=one.has_ring)
         for one in trials
     ]
-    best = next((number for number, checks in enumerate(checked) if cloud_verdict(checks) == "likely"), 0)
-    known, checks = trials[best], checked[best]
-    rims, components = len(known.rims), known.components
-    deciding, others = open_sentences(checks, sheet, known.euler, components)
-    lasting = known.euler if sheet is None else lasting_euler(sheet, known.euler)
-    is_taken = known.of_sheet or fitting_genus(lasting, rims, components) is not None
-    euler = lasting if is_taken else known.euler
+    known, checks = min(zip(trials, checked, strict=True), key=lambda trial: _rank(*trial))
+    deciding, others = open_sentences(checks, sheet, known)
+    if sheet is not None:
+        known = known.with_euler(lasting_euler(sheet, known.euler))
     where = (*_where_open(found.part), *_where_uncovered(found))
     return _report(
         found,
-        euler=euler,
+        euler=known.euler,
         verdict=cloud_verdict(checks),
         advice=cloud_advice(found.witness, found.samples.n_points, checks),
-        reasons=(*where, *deciding, *others, *_refusal(found)),
+        reasons=(*where, *deciding, *cap_sentences(known), *others, *_refusal(found)),
         n_deciding=len(deciding) + len(where),
-        components=parts,
-        n_components=components,
-        genus=fitting_genus(euler, rims, components) if rims else None,
-        boundary_loops=rims or None,  # rims that cannot be traced cannot be counted
+        components=_cloud_components(found),
+        n_components=known.components,
+        genus=known.genus,
+        boundary_loops=len(known.rims) or None,  # rims that cannot be traced cannot be counted
         rim_widths=known.widths,
         smallest=found.part.boundary.narrowest,
     )
 
 
-@dataclass(frozen=True)
-class _OpenSurface:
-    """An open surface by its rims.
-
-    Attributes:
-        components: parts of the surface.
-        euler: the nearest to what was measured that a surface with so many parts and rims has.
-        rims: points (N, 3) of those that could be traced, the widest first.
-        of_sheet: whether it is a sheet rather than a solid with holes.
-    """
-
-    components: int
-    euler: int
-    rims: tuple[Floats, ...]
-    of_sheet: bool
-
-    @property
-    def widths(self) -> tuple[float, ...]:
-        """The longest sides of the boxes around the rims."""
-        return tuple(_width(rim) for rim in self.rims)
-
-
-def _open_surfaces(found: Examination, n_parts: int) -> list[_OpenSurface]:
-    """What the surface can be: a solid with holes, whose rims are those of its lids, and a sheet with traced rims.
-
-    χ of the solid is that of the votes, less one for every lid; that of the sheet, whose parts are those of
-    the cloud, is near the estimate. The solid comes first if most of its surface was seen.
-    """
-    witness, curves = found.witness, found.part.boundary.curves
-    covers, trials = lids(witness), []
-    if curves or witness is None:
-        rims = [_points(found.part, curve.index.numpy()) for curve in curves]
-        trials.append(_open_surface(n_parts, len(curves), found.part.estimate, rims, True))
-    if witness is not None and (covers or not curves):
-        is_solid = is_mostly_seen(witness)
-        rims = [_points(found, cover.samples) for cover in covers] if is_solid else []
-        euler = float(_solid_euler(witness) - len(covers))
-        solid = _open_surface(witness.components + witness.cavities, len(covers), euler, rims, not is_solid)
-        trials.insert(0 if is_solid else len(trials), solid)
-    return trials
-
-
-def _open_surface(components: int, discs: int, nearest: float, rims: list[Floats], of_sheet: bool) -> _OpenSurface:
-    most = 2 * components - discs
-    euler = min(most, most - 2 * round((most - nearest) / 2))
-    return _OpenSurface(components, euler, tuple(sorted(rims, key=_width, reverse=True)), of_sheet)
-
-
-def _solid_euler(witness: Witness) -> int:
-    """χ of the votes, or, where no solid has it, that of the first cut, whose parts are counted."""
-    return witness.euler if witness.has_genus or witness.surface is None else witness.surface.euler
-
-
-def _points(found: Examination, rows: NDArray[np.int64]) -> Floats:
-    points: Floats = found.samples.points.cpu()[torch.from_numpy(rows)].double().numpy()
-    return points
-
-
-def _width(points: Floats) -> float:
-    """The longest side of the box of some points."""
-    return float(np.ptp(points, axis=0).max())
+def _rank(surface: OpenSurface, checks: tuple[Check, ...]) -> int:
+    """How plausible a surface is, 0 for the best: its numbers are likely, or would be but for the genus, or fit it."""
+    failed = [check.name for check in checks if not check.passed]
+    if failed in ([], ["ring"]):
+        return len(failed)
+    return 2 if not surface.has_ring else 3 if surface.is_counted else 4
 
 
 def _without_solid(found: Examination) -> TopologyReport:
@@ -361,7 +293,7 @@ def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceCompo
     surface = witness.surface
     if surface is None or len(surface.faces) == 0:
         return ()
-    vertices: NDArray[np.float64] = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
+    vertices: Floats = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
     topology = mesh_topology(vertices, surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities

@@ -11,6 +11,7 @@ from topokit.core.cloud.votes import CUT_FAMILIES, values_of
 from topokit.core.opacity.solid import OpacityReading
 from topokit.report.confidence import cloud_confidence
 from topokit.report.doubts import is_noisy
+from topokit.report.open_surface import OpenSurface
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
 
@@ -81,8 +82,8 @@ _SENTENCES = {
     "rims": ("", "Every part of an open surface has a rim, but only {value:.0f} could be traced."),
     "ring": (
         "",
-        "A rim lies within another one in the same plane, with nothing between them. A disc in each was assumed; if "
-        "the ring between them was not seen, as an underside, the genus is larger.",
+        "Closed in the planes of its holes the surface has genus {genus}; with a disc in every rim it {disc_genus}. A "
+        "cap has several rims, as under a ring that lies on a table: whether it is so was not seen.",
     ),
     "wire_range": (
         "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
@@ -136,15 +137,24 @@ def opaque_sentence(seen: OpacityReading, witness: Witness) -> str:
 
 
 def open_sentences(
-    checks: tuple[Check, ...], sheet: SheetReading | None, euler: int, components: int
+    checks: tuple[Check, ...], sheet: SheetReading | None, surface: OpenSurface
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The same for an open cloud."""
-    numbers: dict[str, object] = {"euler": euler, "components": components}
+    euler, genus, disc_genus = surface.euler, surface.genus, surface.disc_genus
+    numbers: dict[str, object] = {"euler": euler, "components": surface.components, "genus": genus}
+    numbers["disc_genus"] = "has none" if disc_genus is None else f"has genus {disc_genus}"
     if sheet is not None:
         value, share = next(iter(sheet.shares.items()))
         numbers["other_balls"] = "" if value == euler else f"; {share:.0%} give χ = {value}"
         numbers["ball_pieces"] = plural(sheet.components, "part")
     return _divided(checks, numbers)
+
+
+def cap_sentences(surface: OpenSurface) -> tuple[str, ...]:
+    """That planar caps close an open cloud, if they do and the genus is not doubtful for it."""
+    if surface.capped_genus is None or surface.has_ring:
+        return ()
+    return (f"Samples in the planes of its holes close the surface, too, with genus {surface.capped_genus}.",)
 
 
 def _divided(checks: tuple[Check, ...], numbers: Mapping[str, object]) -> tuple[tuple[str, ...], tuple[str, ...]]:

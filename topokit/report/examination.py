@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.core.cloud.caps import OrientedLayer, planar_caps
 from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
@@ -35,9 +36,11 @@ from topokit.report.verdict import (
     Check,
     cloud_checks,
     cloud_verdict,
+    is_mostly_seen,
     is_open,
     is_open_sheet,
     lids,
+    missing_samples,
     opacity_decides,
     wire_checks,
     without_doubts,
@@ -105,15 +108,8 @@ class Examination:
     @cached_property
     def part(self) -> Examination:
         """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
-        samples, most = self._on_surface, SamplingSettings().boundary_points
-        if samples.n_points <= most:
-            return self if samples is self.samples else Examination(samples, known_closed=self._known_closed)
-        rows = thin_along_curve(samples.points.cpu().double().numpy(), most)
-        index = torch.from_numpy(rows).to(samples.points.device)
-        part = samples.at(index)
-        if part.areas is not None:
-            part = replace(part, areas=part.areas * (samples.n_points / part.n_points))
-        return Examination(part, known_closed=self._known_closed)
+        thin = _thinned(self._on_surface, SamplingSettings().boundary_points)
+        return self if thin is self.samples else Examination(thin, known_closed=self._known_closed)
 
     @cached_property
     def curvature(self) -> Curvature:
@@ -175,6 +171,34 @@ class Examination:
         return found if isinstance(found, Witness) else None
 
     @cached_property
+    def capped(self) -> Examination | None:
+        """The measurements with planar caps over the holes of a solid; None without holes, or if caps leave it open."""
+        witness, points = self.witness, self.samples.points
+        covers = lids(witness)
+        if witness is None or witness.surface is None or not covers or not is_mostly_seen(witness):
+            return None
+        corners = points.cpu().double().numpy()[witness.surface.points[witness.surface.faces]]
+        holes = [corners[patch.facets] for patch in covers]
+        caps, directions = planar_caps(self._outward_layer(witness), holes)
+        normals = torch.from_numpy(np.concatenate((witness.normals, directions))).to(points)
+        samples = SurfaceSamples(torch.cat((points, torch.from_numpy(caps).to(points))), normals)
+        found = Examination(samples, known_closed=False)
+        if not is_open(found.part.boundary, found.witness):
+            return found
+        is_better = missing_samples(found.witness) < 0.5 * missing_samples(witness)
+        return found.capped if is_better else None
+
+    def _outward_layer(self, witness: Witness) -> OrientedLayer:
+        """At most as many of the points on the surface as a cut has, with the directions of the witness."""
+        outward = torch.from_numpy(witness.normals).to(self.samples.points)
+        oriented = replace(self.samples, normals=outward, frames=None, oriented=True)
+        near = oriented if self._near is None else oriented.at(self._near)
+        thin = _thinned(near, SamplingSettings().samples)
+        assert thin.normals is not None, "they were given above"
+        area = Examination(thin, known_closed=True).curvature.area
+        return OrientedLayer(*(part.cpu().double().numpy() for part in (thin.points, thin.normals, area)))
+
+    @cached_property
     def _doubts_or_refusal(self) -> tuple[NarrowPlace, ...] | TopokitError:
         try:
             return cloud_doubts(self.witness, self.samples.points.cpu().double().numpy())
@@ -226,6 +250,15 @@ class Examination:
         """Why there is no global witness, or None."""
         found = self._witness_or_refusal
         return found if isinstance(found, InputError) else None
+
+
+def _thinned(samples: SurfaceSamples, most: int) -> SurfaceSamples:
+    """At most so many of the samples, evenly many along a curve, with areas in proportion."""
+    if samples.n_points <= most:
+        return samples
+    rows = thin_along_curve(samples.points.cpu().double().numpy(), most)
+    thin = samples.at(torch.from_numpy(rows).to(samples.points.device))
+    return thin if thin.areas is None else replace(thin, areas=thin.areas * (samples.n_points / thin.n_points))
 
 
 def _for_all_points(found: Witness, near: Tensor, points: Tensor) -> Witness:

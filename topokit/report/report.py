@@ -110,8 +110,8 @@ class TopologyReport:
         name: what was examined.
         euler: Euler characteristic χ of the surface, summed over components: the best integer there is, whatever the
             verdict; None only if nothing is known.
-        genus: handles summed over components, g = (2c − b − χ)/2 for c components and b boundary loops, or None where
-            it is undefined or unknown: no orientable surface has these numbers, or they are not known.
+        genus: handles summed over components, g = (2c − b − χ)/2 for c components and b boundary loops (of open clouds
+            see `rim_widths`), or None: no orientable surface has these numbers, or they are not known.
         components: connected components of the surface (a hollow ball has two).
         cavities: components that bound a hole inside a solid, or None if unknown.
         surface_betti: Betti numbers (c, 2g, c) of a closed surface, else None.
@@ -149,7 +149,8 @@ class TopologyReport:
             votes count otherwise, then those where several samples are off the surface. None if they were not looked
             for.
         rim_widths: of an open cloud, the longest side of the box of each rim, widest first. χ, components, boundary
-            loops and genus are those of the surface that ends there; closing each rim by a disc keeps its genus.
+            loops are those of the surface that ends there, and the genus is that with its holes closed: by planar caps
+            where these close it, else by a disc in every rim.
         flipped: faces of a mesh against the majority's orientation in their component, or None if it is no mesh.
         inverted: closed components of a mesh that point inward without bounding a cavity, or None likewise.
         self_intersections: places where a mesh crosses itself, or None if they were not looked for (`locate`), or

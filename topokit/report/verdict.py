@@ -196,7 +196,7 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "contradictory": "the given normals do not contradict each other",
         "pieces": "the union of balls around the samples of an open cloud has as many parts",
         "rims": "an open cloud has a rim for each part that encloses no space",
-        "ring": "no rim lies within another one in a plane, with nothing between them",
+        "ring": "planar caps over the holes give the same genus as discs",
     }
 )
 """Checks without a limit."""
@@ -335,7 +335,7 @@ def open_checks(
     sheet: SheetReading | None,
     witness: Witness | None,
     *,
-    has_open_ring: bool = False,
+    has_ring: bool = False,
 ) -> tuple[Check, ...]:
     """The conditions under which the integer of an open cloud is likely.
 
@@ -345,7 +345,7 @@ def open_checks(
         n_rims: its known rims.
         sheet: the union of balls around the samples, or None if these are too few.
         witness: what was found of a closed surface, or None if there is none.
-        has_open_ring: whether a rim lies within another one in a plane, and no surface between the two.
+        has_ring: whether a planar cap has several rims, so that the genus is another one than with discs.
     """
     if sheet is None:
         return (Check("points", 0.0, False),)
@@ -353,7 +353,7 @@ def open_checks(
         _check("balls", sheet.shares.get(euler, 0.0)),
         Check("pieces", float(sheet.components), sheet.components == components),
         Check("rims", float(n_rims), n_rims >= max(components - sheet.closed, 1)),
-        Check("ring", float(n_rims), not has_open_ring),
+        Check("ring", float(has_ring), not has_ring),
     ]
     if witness is not None:
         checks += _unless_passed("double", witness.quality.double)
@@ -388,8 +388,13 @@ def lids(witness: Witness | None) -> tuple[UncoveredPatch, ...]:
 
 def is_mostly_seen(witness: Witness) -> bool:
     """Whether lids are the smaller part of the closed surface that was found, so that it bounds a solid with holes."""
-    missing = sum(patch.missing for patch in witness.lids)
+    missing = missing_samples(witness)
     return THRESHOLDS["capped"].allows(missing / (witness.n_used + missing))
+
+
+def missing_samples(witness: Witness | None) -> float:
+    """How many samples would be expected on all lids."""
+    return sum(patch.missing for patch in lids(witness))
 
 
 def has_thin_edges(boundary: BoundaryEstimate, witness: Witness) -> bool:

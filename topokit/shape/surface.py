@@ -14,6 +14,7 @@ from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
+from topokit.report.open_surface import open_surfaces
 from topokit.report.report import TopologyReport, why
 from topokit.report.wording import plural
 
@@ -50,31 +51,30 @@ def checked_surface(report: TopologyReport, surface: TriangleSurface | None) -> 
 
 
 def surface_with_rims(shape: Shape) -> TriangleSurface:
-    """The surface that a shape's report is about: closed, or that of an open cloud without the lids over its holes.
+    """The surface that a shape's report is about: closed, or that of an open cloud without what closes its holes.
 
     Raises:
-        InputError: as for `checked_surface`; or if what is left of an open cloud is no manifold with the reported
-            numbers.
+        InputError: as for `checked_surface`; or if what is left of an open cloud has not the reported numbers.
     """
     report = shape.report()
     if report.closed or shape.counted is not None:
         return checked_surface(report, found_surface(shape))
-    witness, found = shape._known.examination().witness, found_surface(shape)
-    if witness is None or found is None or not witness.lids:
-        return checked_surface(report, None)
-    rows = np.concatenate([patch.facets for patch in witness.lids])
-    faces = np.delete(mesh_topology(found.vertices, found.faces).faces, rows, axis=0)
-    topology = mesh_topology(found.vertices, faces)
-    counted = topology.euler, len(topology.components), topology.boundary_loops
     expected = report.euler, report.components, report.boundary_loops
-    if not topology.is_manifold or counted != expected:
-        kind = "a manifold" if topology.is_manifold else "no manifold"
-        raise InputError(
-            f"{report.name}: without the lids over its holes, the surface that was found is {kind} with χ, components "
-            f"and boundary loops {counted}, but {expected} are reported ({report.verdict}), so it is not given. "
-            f"{why(report)}"
-        )
-    return TriangleSurface(found.vertices, faces).compact()
+    trials = [one.triangles for one in open_surfaces(shape._known.examination()) if one.triangles is not None]
+    counts = [_open_counts(surface) for surface in trials]
+    if expected in counts:
+        return trials[counts.index(expected)].compact()
+    if not trials:
+        return checked_surface(report, None)
+    raise InputError(
+        f"{report.name}: without what closes its holes, the surface that was found has χ, components and boundary "
+        f"loops {counts[0]}, but {expected} are reported ({report.verdict}), so it is not given. {why(report)}"
+    )
+
+
+def _open_counts(surface: TriangleSurface) -> tuple[int, int, int]:
+    topology = mesh_topology(surface.vertices, surface.faces)
+    return topology.euler, len(topology.components), topology.boundary_loops
 
 
 def boundary_of(shape: Shape) -> tuple[BoundaryLoop, ...]:

@@ -1,0 +1,108 @@
+"""Planar caps over the holes of an open cloud, found by winding numbers: the underside on which an object stood.
+
+Let the surface of a solid be known but for what lies in one plane that the solid touches from one side. In that plane
+its winding number is one half where the surface is missing, and one or zero elsewhere: a missing piece fills no solid
+angle in its own plane, and the closed surface has one half there on average of both sides. So what is missing need
+not be simply connected: under a ring that lies on a table it is a ring.
+
+References:
+    G. Barill, N. G. Dickson, R. Schmidt, D. I. W. Levin, A. Jacobson, "Fast winding numbers for soups and clouds", ACM
+    TOG 37(4), 2018, doi:10.1145/3197517.3201337.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from topokit.core.arrays import Floats
+
+_PAIRS = 1 << 22  # of places and samples whose solid angles are summed at once
+_INSIDE = 0.25  # winding number from which a place of the plane lies under the solid; it is one half there, zero beside
+_FREE = 1.0  # spacings to the nearest sample, at least, of a place where a surface is missing
+_FITS = 3  # of a plane to the corners near it
+_NEAR = 1.5  # spacings from the plane
+
+
+@dataclass(frozen=True, eq=False)
+class OrientedLayer:
+    """Samples (N, 3) of a surface with outward unit normals (N, 3), and the area (N,) that each stands for."""
+
+    points: Floats
+    normals: Floats
+    areas: Floats
+
+    @property
+    def spacing(self) -> float:
+        """Typical distance of neighbors, in units of length."""
+        return math.sqrt(float(np.median(self.areas)))
+
+    def winding_numbers(self, places: Floats) -> Floats:
+        """Share of all directions (P,) in which the layer is seen from places (P, 3), positive from inside."""
+        found = np.zeros(len(places))
+        for rows in np.array_split(np.arange(len(places)), len(places) * len(self.points) // _PAIRS + 1):
+            offsets = self.points - places[rows, None]
+            squared = np.maximum(np.einsum("pna,pna->pn", offsets, offsets), np.finfo(float).tiny)
+            along = np.einsum("pna,na->pn", offsets, self.normals)
+            found[rows] = (along / (squared * np.sqrt(squared))) @ self.areas
+        return found / (4 * math.pi)
+
+    def joined(self, points: Floats, normal: Floats) -> OrientedLayer:
+        """The layer with samples (M, 3) of one normal (3,) that lie a spacing from each other."""
+        normals = np.broadcast_to(normal, points.shape)
+        areas = np.full(len(points), self.spacing**2)
+        own = (self.points, points), (self.normals, normals), (self.areas, areas)
+        return OrientedLayer(*(np.concatenate(pair) for pair in own))
+
+
+def planar_caps(layer: OrientedLayer, lids: Iterable[Floats]) -> tuple[Floats, Floats]:
+    """Samples of what is missing in the planes of holes.
+
+    Args:
+        layer: what was seen.
+        lids: triangles (F, 3, 3) that span each hole, counterclockwise seen from outside; the widest hole first.
+
+    Returns:
+        Places (M, 3), none where the plane holds nothing of the kind, and outward unit normals (M, 3).
+    """
+    found = layer
+    for triangles in lids:
+        corners, normal = _outer_plane(triangles, layer.spacing)
+        found = found.joined(_missing(found, corners, normal), normal)
+    first = len(layer.points)
+    return found.points[first:], found.normals[first:]
+
+
+def _outer_plane(triangles: Floats, spacing: float) -> tuple[Floats, Floats]:
+    """The corners (N, 3) of a lid, the outermost first, and the outward normal (3,) of the plane that supports them.
+
+    The vector area of a lid depends on its rim alone. The plane is fitted again to the corners that are near it.
+    """
+    corners = np.unique(triangles.reshape(-1, 3), axis=0)
+    a, b, c = triangles.swapaxes(0, 1)
+    outward = np.cross(b - a, c - a).sum(0)
+    normal = outward / max(float(np.linalg.norm(outward)), np.finfo(float).tiny)
+    for _ in range(_FITS):
+        heights = corners @ normal
+        near = corners[heights > heights.max() - _NEAR * spacing]
+        if len(near) < 3:
+            break
+        axis = np.linalg.svd(near - near.mean(0), full_matrices=False)[2][2]
+        normal = axis if axis @ normal > 0 else -axis
+    return corners[np.argsort(-(corners @ normal), kind="stable")], normal
+
+
+def _missing(layer: OrientedLayer, corners: Floats, normal: Floats) -> Floats:
+    """Places (M, 3) in the plane through the first corner of a lid where a surface is missing, a spacing apart."""
+    spacing = layer.spacing
+    across = np.linalg.svd(normal[None])[2][1:]
+    rim = (corners - corners[0]) @ across.T
+    ticks = [np.arange(low, high + spacing, spacing) for low, high in zip(rim.min(0), rim.max(0), strict=True)]
+    places = corners[0] + np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2) @ across
+    places = places[cKDTree(layer.points).query(places)[0] > _FREE * spacing]
+    winding = layer.winding_numbers(places)
+    return places[(winding > _INSIDE) & (winding < 1 - _INSIDE)]

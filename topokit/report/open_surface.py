@@ -19,7 +19,7 @@ from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
 from topokit.core.surface import TriangleSurface
 from topokit.report.examination import Examination
-from topokit.report.verdict import is_mostly_seen, lids
+from topokit.report.verdict import cloud_verdict, is_mostly_seen, lids
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,20 +121,21 @@ def _without_lids(found: Examination, witness: Witness) -> TriangleSurface | Non
         return None
     is_seen = np.ones(len(surface.faces), dtype=bool)
     is_seen[np.concatenate([patch.facets for patch in witness.lids])] = False
-    return _taken_apart(_points(found, surface.points), surface.faces[is_seen])
+    return _taken_apart(_points(found, surface.points), surface.faces[is_seen]) if is_seen.any() else None
 
 
 def _capped_surface(found: Examination) -> OpenSurface | None:
-    """The surface that planar caps close, without them; None if they close none that has the integer of its votes."""
-    if found.capped is None or (witness := found.capped.witness) is None:
+    """The surface that planar caps close, without them; None if they close none whose integer is likely."""
+    capped = found.capped
+    if capped is None or (witness := capped.witness) is None or cloud_verdict(capped.checks) == "unsure":
         return None
     surface, n_surfaces = witness.surface, witness.components + witness.cavities
-    if surface is None or surface.euler != witness.euler or not witness.has_genus:
+    if surface is None or surface.euler != witness.euler:
         return None
     seen = surface.faces[~_is_cap(surface, found.samples.n_points)]
     if not 0 < len(seen) < len(surface.faces):
         return None
-    triangles = _taken_apart(_points(found.capped, surface.points), seen)
+    triangles = _taken_apart(_points(capped, surface.points), seen)
     topology = mesh_topology(triangles.vertices, triangles.faces)
     return OpenSurface(
         components=len(topology.components),

@@ -8,11 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from topokit.core.arrays import Booleans
+from topokit.core.blocks.division import Triple
 from topokit.core.comparison.regions import MatchedRegions, matched_cavities, matched_parts
 from topokit.core.comparison.tunnels import TunnelComplex, TunnelRanks
 from topokit.core.grid.euler import check_connectivity
-
-Triple = tuple[int, int, int]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from topokit.core.arrays import Booleans
-from topokit.core.homotopy.simple_points import PaddedSolid, is_simple
+from topokit.core.homotopy.simple_points import PaddedSolid
 
 
 def deform(solid: Booleans, target: Booleans, connectivity: int | None = None) -> Booleans:
@@ -42,9 +42,7 @@ def deform(solid: Booleans, target: Booleans, connectivity: int | None = None) -
         on_surface = padded.on_surface(waiting, through_faces=connectivity is None)
         for group in range(8):
             at = np.flatnonzero(on_surface & (parity == group))
-            at = at[is_simple(padded.codes(waiting[at]), connectivity)]
-            padded.inside[waiting[at]] ^= 1
-            changed[at] = True
+            changed[at] = padded.flip_simple(waiting[at], connectivity)
         if not changed.any():
             return padded.solid()
         waiting, parity = waiting[~changed], parity[~changed]

@@ -11,7 +11,7 @@ Reference:
 
 from __future__ import annotations
 
-from itertools import compress, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,7 @@ class PaddedSolid:
         self._shape = padded.shape
         self.inside = padded.ravel().view(np.uint8)
         strides = np.array([padded.shape[1] * padded.shape[2], padded.shape[2], 1])
-        self._around: list[int] = (OFFSETS @ strides).tolist()
+        self._around: Indices = OFFSETS @ strides
 
     def solid(self) -> Booleans:
         """The solid (X, Y, Z), a copy."""
@@ -81,16 +81,17 @@ class PaddedSolid:
         """
         own = self.inside[at]
         differs = np.zeros(len(at), dtype=bool)
-        for step in compress(self._around, _STEPS == 1) if through_faces else self._around:
+        for step in (self._around[_STEPS == 1] if through_faces else self._around).tolist():
             differs |= self.inside[at + step] != own
         return differs
 
     def codes(self, at: Indices) -> Codes:
         """Neighborhoods of the voxels at flat indices (N,), as codes of 27 bits."""
-        codes = np.zeros(len(at), dtype=np.int32)
-        for bit, step in enumerate(self._around):
-            codes |= self.inside[at + step].astype(np.int32) << np.int32(bit)
-        return codes
+        return _codes(self.inside, at, self._around)
+
+    def flip_simple(self, at: Indices, connectivity: int | None) -> Booleans:
+        """Flip those of the voxels at flat indices (N,) that are simple, one after the other; which ones were, (N,)."""
+        return _flip_simple(self.inside, at, self._around, _both(connectivity))
 
 
 def is_simple(codes: Codes, connectivity: int | None = None) -> Booleans:
@@ -106,13 +107,18 @@ def is_simple(codes: Codes, connectivity: int | None = None) -> Booleans:
     Raises:
         InputError: if the connectivity is neither 6, 26 nor None.
     """
+    return _all_simple(codes, _both(connectivity))
+
+
+def _both(connectivity: int | None) -> tuple[int, int]:
+    """The connectivities in which a voxel has to be simple, twice the same if there is one.
+
+    Raises:
+        InputError: if the connectivity is neither 6, 26 nor None.
+    """
     if connectivity not in (6, 26, None):
         raise InputError(f"connectivity must be 6, 26 or None (both), not {connectivity!r}.")
-    simple = np.ones(len(codes), dtype=bool)
-    for one in (6, 26) if connectivity is None else (connectivity,):
-        solid, background = count_touching(codes, one)
-        simple &= (solid == 1) & (background == 1)
-    return simple
+    return (6, 26) if connectivity is None else (connectivity, connectivity)
 
 
 def count_touching(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
@@ -137,6 +143,49 @@ def _count_all(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
         solid[row] = n_touching(codes[row], connectivity)
         background[row] = n_touching(_ALL & ~codes[row], 32 - connectivity)
     return solid, background
+
+
+@compiled
+def _codes(inside: NDArray[np.uint8], at: Indices, around: Indices) -> Codes:
+    codes = np.empty(len(at), dtype=np.int32)
+    for row in range(len(at)):
+        codes[row] = _code(inside, at[row], around)
+    return codes
+
+
+@compiled
+def _all_simple(codes: Codes, connectivities: tuple[int, int]) -> Booleans:
+    simple = np.empty(len(codes), dtype=np.bool_)
+    for row in range(len(codes)):
+        simple[row] = _is_simple(codes[row], connectivities)
+    return simple
+
+
+@compiled
+def _flip_simple(inside: NDArray[np.uint8], at: Indices, around: Indices, both: tuple[int, int]) -> Booleans:
+    flipped = np.zeros(len(at), dtype=np.bool_)
+    for row in range(len(at)):
+        if _is_simple(_code(inside, at[row], around), both):
+            inside[at[row]] ^= 1
+            flipped[row] = True
+    return flipped
+
+
+@compiled
+def _code(inside: NDArray[np.uint8], at: int, around: Indices) -> int:
+    code = 0
+    for bit in range(27):
+        code |= int(inside[at + around[bit]]) << bit
+    return code
+
+
+@compiled
+def _is_simple(code: int, both: tuple[int, int]) -> bool:
+    for number in range(1 if both[0] == both[1] else 2):
+        connectivity = both[number]
+        if n_touching(code, connectivity) != 1 or n_touching(_ALL & ~code, 32 - connectivity) != 1:
+            return False
+    return True
 
 
 @compiled

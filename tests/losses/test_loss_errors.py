@@ -119,3 +119,11 @@ def test_wrong_sources_are_named(function: Callable[..., Tensor]) -> None:
         f"level=0.1 is for plain fields, and {cloud.name} is a shape: pass the level to from_sdf, from_occupancy or "
         "from_voxels. Samples have none."
     )
+
+
+def test_only_plain_fields_are_said_to_be_log_odds() -> None:
+    cloud = tk.from_points(torus_samples(300).points)
+    assert refusal(lambda: tk.TopologyLoss(0, logits=True)(cloud)) == (
+        f"logits=True is for plain fields, and {cloud.name} is a shape: a function says so where it becomes one, "
+        "from_occupancy(net, logits=True)."
+    )

@@ -121,7 +121,32 @@ def test_classes_are_compared_with_their_masks_in_place(depth: bool) -> None:
     assert ((by_chances > 0) == (by_odds > 0)).all()
 
 
+def test_probabilities_have_the_slopes_of_their_log_odds() -> None:
+    odds = logits_of(MASK)
+    odds[:, 2, 7:9] = -4.0
+    odds.requires_grad_()
+    by_odds = tk.losses.SegmentationTopologyLoss(sigmoid=True)(odds, MASK)
+    by_chances = tk.losses.SegmentationTopologyLoss()(odds.sigmoid(), MASK)
+    torch.testing.assert_close(by_chances, by_odds)
+    slopes = [torch.autograd.grad(one, odds)[0] for one in (by_chances, by_odds)]
+    assert slopes[1].abs().max() > 0
+    torch.testing.assert_close(*slopes)
+
+
+def test_weight_one_is_in_proportion_to_a_cross_entropy_however_sure_the_network_is() -> None:
+    """A wrong voxel that decides is pushed by 50 times the largest slope of a mean cross-entropy."""
+    for scale in (4.0, 40.0):
+        odds = logits_of(MASK, 2 * scale)[:, 2:] - scale
+        odds[:, :, 7:9] = -scale
+        odds.requires_grad_()
+        loss = tk.losses.SegmentationTopologyLoss(sigmoid=True)(odds, MASK == 2)
+        (slope,) = torch.autograd.grad(loss, odds)
+        assert slope.abs().max() * odds.numel() == pytest.approx(50.0)
+
+
 def test_wrong_segmentations_are_named() -> None:
+    with pytest.raises(InputError, match="values below 0 or above 1; for log-odds pass sigmoid=True"):
+        tk.losses.SegmentationTopologyLoss()(logits_of(MASK), MASK)
     with pytest.raises(InputError, match="not both"):
         tk.losses.SegmentationTopologyLoss(sigmoid=True, softmax=True)
     with pytest.raises(InputError, match=r"expected an input .* got \(1, 3, 16, 16\) and \(1, 2, 16, 16\)"):

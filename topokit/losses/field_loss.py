@@ -66,10 +66,12 @@ class FieldLoss(nn.Module, ABC):
         reduction: "mean", "sum" or "none" over the batch.
     """
 
-    def __init__(self, level: float, connectivity: int, resolution: int, reduction: Reduction) -> None:
+    def __init__(
+        self, level: float, connectivity: int, resolution: int, reduction: Reduction, is_log_odds: bool = False
+    ) -> None:
         super().__init__()
         check_choice("reduction", reduction, ("mean", "sum", "none"))
-        self.source = FieldSource(level, connectivity, resolution)
+        self.source = FieldSource(level, connectivity, resolution, is_log_odds)
         self.reduction: Reduction = reduction
 
     @abstractmethod

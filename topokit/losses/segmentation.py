@@ -5,15 +5,20 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from topokit.core.grid.euler import at_least_single
 from topokit.errors import InputError
 from topokit.losses.field_loss import Reduction
 from topokit.losses.topology import TopologyLoss
+
+_SMALLEST_PROBABILITY = 1e-6  # log-odds of smaller ones, and of 1 less this, are not told apart: single precision
 
 
 class SegmentationTopologyLoss(nn.Module):
     """Asks each class of a prediction for the features of its mask, each in its place.
 
-    The arguments are those of MONAI's losses, so it can be added to a Dice loss as it is.
+    The arguments are those of MONAI's losses. Added to a Dice loss, to a mean cross-entropy or to both, each of weight
+    1, it has weight 1: its slopes are those of `TopologyLoss` for log-odds. Start with it when the network finds most
+    of the mask; before that nearly every voxel decides (docs/topology-loss.md).
 
     Args:
         include_background: whether channel 0 counts, too.
@@ -47,20 +52,21 @@ class SegmentationTopologyLoss(nn.Module):
         if sigmoid and softmax:
             raise InputError("choose sigmoid (independent channels) or softmax (exclusive classes), not both.")
         self.include_background, self.sigmoid, self.softmax = include_background, sigmoid, softmax
-        self.loss = TopologyLoss(reduction=reduction)
+        self.loss = TopologyLoss(logits=True, reduction=reduction)
 
     def forward(self, input: Tensor, target: Tensor) -> Tensor:
         """The loss.
 
         Args:
-            input: (B, C, X, Y, Z) or (B, C, X, Y): log-odds, logits, or probabilities if neither was said.
+            input: (B, C, X, Y, Z) or (B, C, X, Y): log-odds, logits, or probabilities if neither was said. Those of 0
+                and 1, to six digits, have no slope.
             target: class numbers (B, 1, ...), or one mask for each channel (B, C, ...).
 
         Returns:
             0-d tensor, or (B, C) with reduction "none"; see `TopologyLoss.forward`.
 
         Raises:
-            InputError: if the shapes do not fit.
+            InputError: if the shapes do not fit, or what should be probabilities are none.
         """
         n_classes = input.shape[1] if input.ndim in (4, 5) else 0
         if not n_classes or target.shape not in (input.shape, (len(input), 1, *input.shape[2:])):
@@ -80,10 +86,15 @@ class SegmentationTopologyLoss(nn.Module):
         return value
 
     def _fields(self, values: Tensor) -> Tensor:
-        """Positive where a channel's class is."""
+        """Log-odds of each channel's class."""
         if self.sigmoid:
             return values
         if not self.softmax:
-            return values - 0.5
+            if bool(((values < 0) | (values > 1)).any()):
+                raise InputError(
+                    "expected probabilities, and there are values below 0 or above 1; for log-odds pass sigmoid=True, "
+                    "for logits of exclusive classes softmax=True."
+                )
+            return at_least_single(values).logit(_SMALLEST_PROBABILITY)
         best = values.topk(min(2, values.shape[1]), dim=1).values
         return values - torch.where(values == best[:, :1], best[:, -1:], best[:, :1])

@@ -46,6 +46,7 @@ class FieldSource:
         level: of plain fields.
         connectivity: 6 or 26, of plain fields and of samples.
         resolution: the most grid points along a side for samples.
+        is_log_odds: whether the values of plain fields are log-odds.
 
     Raises:
         InputError: if an attribute has a wrong type or value.
@@ -54,6 +55,7 @@ class FieldSource:
     level: float
     connectivity: int
     resolution: int
+    is_log_odds: bool = False
 
     def __post_init__(self) -> None:
         check_finite("level", self.level)
@@ -70,13 +72,11 @@ class FieldSource:
 
         Raises:
             InputError: if the source is neither a floating-point tensor (..., X, Y, Z), nor a shape with a field or
-                with oriented samples; or if both a shape and a level are given.
+                with oriented samples; or if it is a shape, and there is a level or plain fields are log-odds.
         """
         if isinstance(source, Tensor):
             items = plain_field(source).reshape(-1, *source.shape[-3:])
-            return [
-                SourceField(GridField(one - self.level, connectivity=self.connectivity), one.numel()) for one in items
-            ]
+            return [SourceField(self._grid_field(one), one.numel()) for one in items]
         if not isinstance(source, Shape):
             raise InputError(
                 f"expected a field (..., X, Y, Z), positive inside, or a Shape; got {type(source).__name__}."
@@ -87,9 +87,17 @@ class FieldSource:
                 f"level={self.level:g} is for plain fields, and {source.name} is a shape: pass the level to from_sdf, "
                 "from_occupancy or from_voxels. Samples have none."
             )
+        if self.is_log_odds:
+            raise InputError(
+                f"logits=True is for plain fields, and {source.name} is a shape: a function says so where it becomes "
+                "one, from_occupancy(net, logits=True)."
+            )
         if source.field is not None:
             return [SourceField(source.field, source.field.grid.n_vertices)]
         return self._winding_fields(source, grids)
+
+    def _grid_field(self, values: Tensor) -> GridField:
+        return GridField(values - self.level, connectivity=self.connectivity, is_log_odds=self.is_log_odds)
 
     def _winding_fields(self, shape: Shape, grids: Sequence[Grid | None] | None) -> list[SourceField]:
         """The fields of the samples of each item."""

@@ -41,8 +41,8 @@ class TopologyLoss(FieldLoss):
     The loss finds the nearest solid with this topology, and from it the voxels that decide: those that must be on one
     side of the level by a margin τ, and are not. It is a squared error of the field at these voxels, a mean over the
     whole grid like a data term, with slopes that do not grow beyond the margin; so weight 1 is right beside a mean
-    squared error. Where a function is said to give log-odds, `from_occupancy(net, logits=True)`, slopes are those that
-    weight 1 is right for beside a mean cross-entropy. This opens, closes, joins, splits and removes; see
+    squared error. Where values are said to be log-odds, by `logits=True` or `from_occupancy(net, logits=True)`, slopes
+    are those that weight 1 is right for beside a mean cross-entropy. This opens, closes, joins, splits and removes; see
     docs/topology-loss.md. The topology is asked for in both connectivities, so that any mesher agrees, unless voxels
     meet through an edge or a corner only, as in noise.
 
@@ -57,6 +57,7 @@ class TopologyLoss(FieldLoss):
         plane: whether fields are plane, (..., X, Y); by default what `betti` says.
         change: "any", or whether material may only be added ("add") or only removed ("remove").
         level: of a plain field; {field > level} is the solid. A shape has its own.
+        logits: whether a plain field is log-odds; see above. A shape knows.
         search_every: of a field with a key, calls between searches for a nearer solid. In between, the known solid
             follows the field, and of a function only the values near the level are evaluated.
         resolution: for shapes without a field: the most grid points along a side of the winding-number field.
@@ -87,11 +88,12 @@ class TopologyLoss(FieldLoss):
         plane: bool | None = None,
         change: Change = "any",
         level: float = 0.0,
+        logits: bool = False,
         search_every: int = 20,
         resolution: int = 64,
         reduction: Reduction = "mean",
     ) -> None:
-        super().__init__(level, DEFAULT_CONNECTIVITY, resolution, reduction)
+        super().__init__(level, DEFAULT_CONNECTIVITY, resolution, reduction, logits)
         check_choice("change", change, ("any", "add", "remove"))
         check_count("search_every", search_every, 1)
         if genus is not None and betti is not None:

@@ -124,10 +124,16 @@ class Field(ABC):
 class GridField(Field):
     """A field given by its values (X, Y, Z), level subtracted, on a grid of unit cells unless stated otherwise."""
 
-    def __init__(self, values: Tensor, grid: Grid | None = None, connectivity: int = DEFAULT_CONNECTIVITY) -> None:
+    def __init__(
+        self,
+        values: Tensor,
+        grid: Grid | None = None,
+        connectivity: int = DEFAULT_CONNECTIVITY,
+        is_log_odds: bool = False,
+    ) -> None:
         x, y, z = values.shape
         super().__init__(grid or Grid((x, y, z)), connectivity)
-        self._values = values
+        self._values, self.is_log_odds = values, is_log_odds
 
     @property
     def device(self) -> torch.device:

@@ -1,6 +1,6 @@
 """The cost of χ⁽⁰⁾ against its floor, the k-nearest-neighbor query, as ratios within one run.
 
-    python -m pytest benchmarks/bench_core.py -s
+    python -m pytest benchmarks/bench_core.py -s      also --device cuda, where the query stays on the CPU
 
 Limits, for 10 000 and 100 000 points of a torus and k = 20:
 
@@ -15,9 +15,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
+from dataclasses import replace
 from statistics import median
-from time import perf_counter
 
 import pytest
 import torch
@@ -25,6 +24,7 @@ from pytest_benchmark.fixture import BenchmarkFixture
 from scipy.spatial import cKDTree
 
 import topokit as tk
+from benchmarks.timing import seconds
 from topokit.core.neighbors.kd_tree import nearest_in_tree
 from topokit.testing import AnalyticSamples, torus_samples
 
@@ -32,6 +32,7 @@ SIZES = [10_000, 100_000]
 ROUNDS = 5
 FORWARD_LIMIT, BACKWARD_LIMIT, MEMORY_LIMIT = 6.0, 3.0, 4.0  # ratios, and GiB
 QUERY_LIMIT = 1.3  # ratio
+CPU = torch.device("cpu")
 
 
 def test_interruptible_query() -> None:
@@ -40,8 +41,8 @@ def test_interruptible_query() -> None:
     points = points[tree.indices]
     ratios = []
     for _ in range(ROUNDS):
-        by_scipy = seconds(lambda: tree.query(points, 21, workers=-1))
-        ratios.append(seconds(lambda: nearest_in_tree(tree, points, 21)) / by_scipy)
+        by_scipy = seconds(lambda: tree.query(points, 21, workers=-1), CPU)
+        ratios.append(seconds(lambda: nearest_in_tree(tree, points, 21), CPU) / by_scipy)
     print(f"interruptible query: {median(ratios):.2f} of SciPy's threads")
     assert median(ratios) < QUERY_LIMIT
 
@@ -55,10 +56,9 @@ def euler(known: AnalyticSamples, with_normals: bool = True) -> torch.Tensor:
     return tk.from_points(known.points, normals=known.normals if with_normals else None).gauss_bonnet()
 
 
-def seconds(work: Callable[[], object]) -> float:
-    started = perf_counter()
-    work()
-    return perf_counter() - started
+def torus(n_points: int, device: torch.device) -> AnalyticSamples:
+    known = torus_samples(n_points)
+    return replace(known, points=known.points.to(device), normals=known.normals.to(device))
 
 
 @pytest.mark.parametrize("n_points", SIZES)
@@ -67,17 +67,21 @@ def test_query_alone(benchmark: BenchmarkFixture, n_points: int) -> None:
 
 
 @pytest.mark.parametrize("n_points", SIZES)
-def test_euler_alone(benchmark: BenchmarkFixture, n_points: int) -> None:
-    benchmark(euler, torus_samples(n_points))
+def test_euler_alone(benchmark: BenchmarkFixture, n_points: int, device: torch.device) -> None:
+    known = torus(n_points, device)
+    benchmark(lambda: float(euler(known)))  # the number is there when the device has finished
 
 
 @pytest.mark.parametrize("n_points", SIZES)
 @pytest.mark.parametrize("with_normals", [True, False])
-def test_forward_is_a_few_queries(n_points: int, with_normals: bool) -> None:
+def test_forward_is_a_few_queries(n_points: int, with_normals: bool, device: torch.device) -> None:
     """Query and estimate in turn, so that a slow moment of the machine hits both."""
-    known = torus_samples(n_points)
+    on_host, known = torus_samples(n_points), torus(n_points, device)
     euler(known, with_normals)
-    rows = [(seconds(lambda: query(known)), seconds(lambda: euler(known, with_normals))) for _ in range(ROUNDS)]
+    rows = [
+        (seconds(lambda: query(on_host), CPU), seconds(lambda: euler(known, with_normals), device))
+        for _ in range(ROUNDS)
+    ]
     floor, forward = (median(column) for column in zip(*rows, strict=True))
     ratio = median(row[1] / row[0] for row in rows)
     kind = "given" if with_normals else "estimated"
@@ -88,16 +92,15 @@ def test_forward_is_a_few_queries(n_points: int, with_normals: bool) -> None:
 
 @pytest.mark.parametrize("n_points", SIZES)
 @pytest.mark.parametrize("with_normals", [True, False])
-def test_backward_is_at_most_three_forwards(n_points: int, with_normals: bool) -> None:
-    known = torus_samples(n_points)
+def test_backward_is_at_most_three_forwards(n_points: int, with_normals: bool, device: torch.device) -> None:
+    known = torus(n_points, device)
     ratios = []
     for _ in range(ROUNDS):
         points = known.points.clone().requires_grad_()
         shape = tk.from_points(points, normals=known.normals if with_normals else None)
-        started = perf_counter()
-        value = shape.gauss_bonnet()
-        forward = perf_counter() - started
-        ratios.append(seconds(value.backward) / forward)
+        values: list[torch.Tensor] = []
+        forward = seconds(lambda shape=shape, values=values: values.append(shape.gauss_bonnet()), device)
+        ratios.append(seconds(values[0].backward, device) / forward)
     print(f"\n{n_points} points: backward / forward {median(ratios):.2f}")
     assert median(ratios) <= BACKWARD_LIMIT
 

@@ -1,11 +1,12 @@
 """What topology costs beside the training of a DeepSDF network: 8 layers of width 512, 16 384 points a step.
 
     OMP_NUM_THREADS=1 python -m benchmarks.bench_deepsdf
+    python -m benchmarks.bench_deepsdf --device cuda
 
-Processor time within one run, forward and backward, as multiples of a training step of one shape; a batch of 64 shapes,
-as DeepSDF has, takes 64 times as long. Means of 20 calls follow from one call of each kind: with `search_every=20` one
-evaluates all of the grid, and the others what lies near the level. The network is added,
-hardly visible, to the distance of a torus, so that it need not be trained.
+Processor time within one run, on devices that of the wall, forward and backward, as multiples of a training step of one
+shape; a batch of 64 shapes, as DeepSDF has, takes 64 times as long. Means of 20 calls follow from one call of each
+kind: with `search_every=20` one evaluates all of the grid, and the others what lies near the level. The network is
+added, hardly visible, to the distance of a torus, so that it need not be trained.
 
 Reference:
     J. J. Park et al., "DeepSDF", CVPR 2019, doi:10.1109/CVPR.2019.00025 (layers, skip connection, points of a step).
@@ -13,16 +14,18 @@ Reference:
 
 from __future__ import annotations
 
-import time
+import argparse
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from statistics import mean
+from time import process_time
 
 import torch
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import weight_norm
 
 import topokit as tk
+from benchmarks.timing import seconds
 
 WIDTH, CODE, POINTS, CALLS, TAU, FOLLOWED = 512, 256, 16_384, 20, 0.02, 1500
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
@@ -51,22 +54,22 @@ def layers(*widths: int) -> Iterator[nn.Module]:
         yield nn.ReLU()
 
 
-def seconds(work: Callable[[], object]) -> float:
-    started = time.process_time()
-    work()
-    return time.process_time() - started
-
-
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", type=torch.device, default="cpu")
+    device = parser.parse_args().device
     torch.manual_seed(0)
-    net = DeepSDF()
+    net = DeepSDF().to(device)
     optimizer = torch.optim.Adam(net.parameters(), 1e-5)
 
     def training_step() -> None:
-        points = 2 * torch.rand(POINTS, 3) - 1
+        points = 2 * torch.rand(POINTS, 3, device=device) - 1
         optimizer.zero_grad()
         (net(points).clamp(-0.1, 0.1) - 0.01).abs().mean().backward()
         optimizer.step()
+
+    def timed(work: Callable[[], object]) -> float:
+        return seconds(work, device, process_time)
 
     def backward(value: Tensor) -> None:
         optimizer.zero_grad()
@@ -84,13 +87,13 @@ def main() -> None:
         ).gauss_bonnet(20, boundary=False),
     }
     training_step()  # the first takes longer
-    step = mean(seconds(training_step) for _ in range(3))
-    print(f"a step of {POINTS} points: {step:.2f} s of one core", flush=True)
-    whole, near = (seconds(lambda: backward(loss(shape, TAU, keys="net"))) / step for _ in range(2))
+    step = mean(timed(training_step) for _ in range(3))
+    print(f"a step of {POINTS} points: {step:.2f} s", flush=True)
+    whole, near = (timed(lambda: backward(loss(shape, TAU, keys="net"))) / step for _ in range(2))
     print(f"TopologyLoss at 64³: all of the grid {whole:.1f} steps, near the level {near:.2f}")
     print(f"    mean of {CALLS} calls: {(whole + (CALLS - 1) * near) / CALLS:.2f} steps", flush=True)
     for name, value in once.items():
-        print(f"{name}: {seconds(lambda value=value: backward(value())) / step:.1f} steps", flush=True)
+        print(f"{name}: {timed(lambda value=value: backward(value())) / step:.1f} steps", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Cost of counting: networks on grids of 256³ and 512³ cells, and volumes of 512³ voxels beside scikit-image.
 
-    python -m pytest benchmarks/bench_field.py -s
-    python benchmarks/bench_field.py network 256 512     one measurement, in this process: seconds, evaluations, memory
+    python -m pytest benchmarks/bench_field.py -s            also --device cuda, where the networks are evaluated
+    python benchmarks/bench_field.py network 256 512 cpu     one measurement, in this process: seconds, memory
 
 Each measurement runs in a process of its own, so that its peak memory is its own.
 """
@@ -41,9 +41,9 @@ class TorusNetwork(nn.Module):
         return torus + 0.5 * self.layers(x)[:, 0]
 
 
-def measure_network(n_cells: int, width: int) -> dict[str, float]:
+def measure_network(n_cells: int, width: int, device: str) -> dict[str, float]:
     """χ of the network's level set on grids up to n_cells³."""
-    net = TorusNetwork(width).requires_grad_(False)
+    net = TorusNetwork(width).requires_grad_(False).to(device)
     shape = tk.from_sdf(net, bounds=((-1.0,) * 3, (1.0,) * 3), resolution=n_cells)
     before = peak()
     started = time.perf_counter()
@@ -100,15 +100,15 @@ def in_own_process(*arguments: object) -> dict[str, float]:
 
 
 @pytest.mark.timeout(1200)
-def test_network_of_two_million_parameters_at_256() -> None:
-    found = in_own_process("network", 256, 512)
+def test_network_of_two_million_parameters_at_256(device: torch.device) -> None:
+    found = in_own_process("network", 256, 512, device)
     assert found["parameters"] >= 2_000_000
     assert found["share"] <= 0.15
 
 
 @pytest.mark.timeout(1200)
-def test_network_at_512_stays_below_six_gibibytes() -> None:
-    found = in_own_process("network", 512, 64)
+def test_network_at_512_stays_below_six_gibibytes(device: torch.device) -> None:
+    found = in_own_process("network", 512, 64, device)
     assert found["peak"] < 6 * GIB
 
 
@@ -121,6 +121,8 @@ def test_volume_of_512_beside_scikit_image() -> None:
 
 
 if __name__ == "__main__":
-    kind, size, option = sys.argv[1:4]
-    result = measure_network(int(size), int(option)) if kind == "network" else measure_volume(int(size), option)
-    print(json.dumps(result))
+    kind, size, *options = sys.argv[1:]
+    if kind == "network":
+        print(json.dumps(measure_network(int(size), int(options[0]), options[1])))
+    else:
+        print(json.dumps(measure_volume(int(size), options[0])))

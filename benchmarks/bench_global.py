@@ -1,6 +1,6 @@
 """The global half against its floors: ratios within one run.
 
-    python -m pytest benchmarks/bench_global.py -s
+    python -m pytest benchmarks/bench_global.py -s    also --device cuda
 
 Asked for: χ of 10 000 oriented points at most 20 × one real Fourier transform of the same grid; orientation of 10 000
 points below 2 × Open3D's tangent-plane orientation and Poisson reconstruction; the smoothed χ of a 64³ field forward
@@ -14,12 +14,12 @@ import subprocess
 import sys
 from collections.abc import Callable
 from statistics import median
-from time import perf_counter
 
 import numpy as np
 import pytest
 import torch
 
+from benchmarks.timing import seconds
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.grid.euler import smoothed_euler, solid_euler
 from topokit.core.grid.grid import make_grid
@@ -29,17 +29,9 @@ from topokit.testing import torus_samples
 N_POINTS = 10_000
 
 
-def alternating(repeats: int, *calls: Callable[[], object]) -> list[list[float]]:
+def alternating(repeats: int, device: torch.device, *calls: Callable[[], object]) -> list[list[float]]:
     """Seconds per repeat and call, in turn, so that a slow moment of the machine hits all calls; one warm-up."""
-    rows = []
-    for _ in range(repeats + 1):
-        row = []
-        for call in calls:
-            start = perf_counter()
-            call()
-            row.append(perf_counter() - start)
-        rows.append(row)
-    return rows[1:]
+    return [[seconds(call, device) for call in calls] for _ in range(repeats + 1)][1:]
 
 
 def smooth_field(n: int) -> torch.Tensor:
@@ -48,16 +40,17 @@ def smooth_field(n: int) -> torch.Tensor:
     return torch.nn.functional.interpolate(coarse, size=(n, n, n), mode="trilinear")[0, 0].contiguous()
 
 
-def test_euler_of_oriented_points_over_one_fourier_transform() -> None:
+def test_euler_of_oriented_points_over_one_fourier_transform(device: torch.device) -> None:
     known = torus_samples(N_POINTS)
-    points, normals = known.points.float(), known.normals.float()
-    areas = torch.full((N_POINTS,), known.area / N_POINTS)
+    points, normals = known.points.float().to(device), known.normals.float().to(device)
+    areas = torch.full((N_POINTS,), known.area / N_POINTS, device=device)
     grid = make_grid(points, math.sqrt(known.area / N_POINTS), 2.0, 128**3)
-    values = torch.randn(grid.shape)
+    values = torch.randn(grid.shape, device=device)
     found = []
     with torch.no_grad():
         rows = alternating(
             15,
+            device,
             lambda: torch.fft.rfftn(values),
             lambda: found.append(
                 2 * int(solid_euler(winding_field(points, normals, areas, grid).values, 0.5, connectivity=6))
@@ -79,27 +72,27 @@ def test_orientation_over_open3d() -> None:
         cloud.orient_normals_consistent_tangent_plane(16)
         open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=8)
 
-    rows = alternating(5, theirs, lambda: found.append(global_witness(known.points)))
-    seconds = [(row[0], witness.seconds["orientation"]) for row, witness in zip(rows, found[1:], strict=True)]
-    ratio = median(ours / other for other, ours in seconds)
+    rows = alternating(5, torch.device("cpu"), theirs, lambda: found.append(global_witness(known.points)))
+    pairs = [(row[0], witness.seconds["orientation"]) for row, witness in zip(rows, found[1:], strict=True)]
+    ratio = median(ours / other for other, ours in pairs)
     right = ((found[-1].normals * known.normals.numpy()).sum(1) > 0).mean()
-    times = ", ".join(f"{median(row[k] for row in seconds):.2f} s" for k in (0, 1))
+    times = ", ".join(f"{median(pair[k] for pair in pairs):.2f} s" for k in (0, 1))
     print(f"\norientation of {N_POINTS} points: {ratio:.2f} × Open3D ({times}); {right:.2%} of the signs right")
 
 
 @pytest.mark.parametrize("connectivity", [6, 26])
 @pytest.mark.parametrize("kind", ["smooth", "noise"])
-def test_smoothed_euler_over_gudhi(kind: str, connectivity: int) -> None:
+def test_smoothed_euler_over_gudhi(kind: str, connectivity: int, device: torch.device) -> None:
     gudhi = pytest.importorskip("gudhi")
     field = smooth_field(64) if kind == "smooth" else torch.randn(64, 64, 64)
-    leaf = field.clone().requires_grad_()
+    leaf = field.to(device, copy=True).requires_grad_()
     values = {{6: "vertices", 26: "top_dimensional_cells"}[connectivity]: (-field).double().numpy()}
 
     def ours() -> None:
         leaf.grad = None
         smoothed_euler(leaf, 0.1, 0.0, connectivity).backward()
 
-    rows = alternating(3, ours, lambda: gudhi.CubicalComplex(**values).compute_persistence())
+    rows = alternating(3, device, ours, lambda: gudhi.CubicalComplex(**values).compute_persistence())
     ratio = median(theirs_ / ours_ for ours_, theirs_ in rows)
     print(
         f"\nχ_τ of 64³ ({kind}, {connectivity}) forward and backward {median(r[0] for r in rows) * 1e3:.0f} ms: "

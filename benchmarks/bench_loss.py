@@ -1,6 +1,6 @@
 """Time and memory of a step of the losses, compared with a max-pooling of the same grid and with a persistence loss.
 
-python -m pytest benchmarks/bench_loss.py -s
+python -m pytest benchmarks/bench_loss.py -s              also --device cuda
 python -m benchmarks.bench_loss memory      peak memory of one step at 128³, in this process
 """
 
@@ -10,15 +10,16 @@ import json
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
+from time import process_time
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import max_pool3d
 
 import topokit as tk
+from benchmarks.timing import seconds
 from benchmarks.topology_tasks import TASKS, GridModel, PersistenceLoss, fit, noisy_distances
 
 
@@ -33,32 +34,30 @@ def torus(size: int) -> Tensor:
     return field
 
 
-def seconds(step: Callable[[Tensor], Tensor], field: Tensor, repeats: int) -> float:
+def median_step(step: Callable[[Tensor], Tensor], field: Tensor, repeats: int) -> float:
     """Median time of forward and backward."""
     times = []
     for _ in range(repeats):
         leaf = field.clone().requires_grad_()
-        started = time.perf_counter()
-        step(leaf).backward()
-        times.append(time.perf_counter() - started)
+        times.append(seconds(lambda leaf=leaf: step(leaf).backward(), field.device))
     return statistics.median(times)
 
 
-def test_euler_loss_at_128_against_one_max_pooling() -> None:
-    field = torus(128)
+def test_euler_loss_at_128_against_one_max_pooling(device: torch.device) -> None:
+    field = torus(128).to(device)
     loss = tk.EulerLoss(2.0)
-    ours = seconds(lambda f: loss(f, 0.05), field, 9)
-    pooling = seconds(lambda f: max_pool3d(f[None, None], 2, 1).sum(), field, 9)
+    ours = median_step(lambda f: loss(f, 0.05), field, 9)
+    pooling = median_step(lambda f: max_pool3d(f[None, None], 2, 1).sum(), field, 9)
     print(f"\nEulerLoss at 128³: {1e3 * ours:.0f} ms, {ours / pooling:.2f} × one max_pool3d(2, 1)")
     assert ours <= 3 * pooling
 
 
-def test_topology_loss_at_64_against_a_persistence_loss() -> None:
-    """Mean over a training of 40 steps, which includes the searches for the nearest solid."""
+def test_topology_loss_at_64_against_a_persistence_loss(device: torch.device) -> None:
+    """Mean over a training of 40 steps, which includes the searches for the nearest solid; persistence on the CPU."""
     task = TASKS[0]
     start = fit("grid", task, 64).field().detach()
     loss = tk.TopologyLoss(genus=0, change="add")
-    ours = mean_step(start, lambda field: loss(field, keys="torus"), 40)
+    ours = mean_step(start.to(device), lambda field: loss(field, keys="torus"), 40)
     theirs = mean_step(start, PersistenceLoss(task.betti, 0.03), 4)
     print(f"\nstep at 64³: {1e3 * ours:.1f} ms with TopologyLoss, {theirs / ours:.0f} × that with persistence")
     assert theirs >= 20 * ours
@@ -66,30 +65,29 @@ def test_topology_loss_at_64_against_a_persistence_loss() -> None:
 
 def mean_step(start: Tensor, loss: Callable[[Tensor], Tensor], steps: int) -> float:
     """Mean time of the loss forward and backward in a training on a task."""
-    model = GridModel(noisy_distances(TASKS[0], len(start)))
+    model = GridModel(noisy_distances(TASKS[0], len(start)).to(start.device))
     model.values.data.copy_(start)
     optimizer = torch.optim.Adam(model.parameters(), 2e-3)
     total = 0.0
     for _ in range(steps):
         optimizer.zero_grad()
         model.objective(torch.Generator()).backward()
-        started = time.perf_counter()
-        loss(model.field()).backward()
-        total += time.perf_counter() - started
+        total += seconds(lambda: loss(model.field()).backward(), start.device)
         optimizer.step()
     return total / steps
 
 
-def test_topology_loss_of_a_network_at_64_against_a_step_of_its_training() -> None:
+def test_topology_loss_of_a_network_at_64_against_a_step_of_its_training(device: torch.device) -> None:
     """A network of width 64 whose data term takes 2048 points; the grid of the loss has 65³, of which few decide.
 
     The steps take turns, so that a slow moment of the machine hits all. The means of 20 calls include the first, which
     evaluates all of the grid.
     """
     net = nn.Sequential(nn.Linear(3, 64), nn.Softplus(20), nn.Linear(64, 64), nn.Softplus(20), nn.Linear(64, 1))
+    net.to(device)
     optimizer = torch.optim.Adam(net.parameters(), 1e-3)
     for _ in range(150):
-        data_step(net, optimizer)
+        data_step(net, optimizer, device)
     shape = tk.from_sdf(net, bounds=((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)))
     loss = tk.TopologyLoss(genus=1)
     calls: dict[str, Callable[[], Tensor]] = {
@@ -98,9 +96,9 @@ def test_topology_loss_of_a_network_at_64_against_a_step_of_its_training() -> No
     }
     times: dict[str, list[float]] = {name: [] for name in ("data", *calls)}
     for _ in range(20):
-        times["data"].append(processor_seconds(lambda: data_step(net, optimizer)))
+        times["data"].append(seconds(lambda: data_step(net, optimizer, device), device, process_time))
         for name, call in calls.items():
-            times[name].append(processor_seconds(lambda call=call: call().backward()))
+            times[name].append(seconds(lambda call=call: call().backward(), device, process_time))
     step = statistics.mean(times["data"])
     ratios = {name: statistics.mean(times[name]) / step for name in calls}
     print(f"\nTopologyLoss of a network, in steps of its training of {1e3 * step:.1f} ms each:")
@@ -108,18 +106,12 @@ def test_topology_loss_of_a_network_at_64_against_a_step_of_its_training() -> No
     assert ratios["near the level"] < 0.4 * ratios["all of the grid"]
 
 
-def data_step(net: nn.Module, optimizer: torch.optim.Optimizer) -> None:
-    points = 2 * torch.rand(2048, 3) - 1
+def data_step(net: nn.Module, optimizer: torch.optim.Optimizer, device: torch.device) -> None:
+    points = 2 * torch.rand(2048, 3, device=device) - 1
     distance = torch.hypot(points[:, :2].norm(dim=1) - 0.6, points[:, 2]) - 0.25
     optimizer.zero_grad()
     (net(points)[:, 0] - distance).abs().mean().backward()
     optimizer.step()
-
-
-def processor_seconds(work: Callable[[], object]) -> float:
-    started = time.process_time()
-    work()
-    return time.process_time() - started
 
 
 def test_memory_at_128_is_at_most_ten_grids() -> None:

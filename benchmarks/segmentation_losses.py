@@ -7,6 +7,7 @@ others come from MONAI and topolosses; Skeleton Recall, which is part of a train
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from importlib import import_module
 from typing import NamedTuple
 
@@ -40,15 +41,20 @@ class Competitor(NamedTuple):
     @property
     def is_here(self) -> bool:
         """Whether its module can be imported, with what that needs itself."""
-        try:
-            import_module(self.module)
-        except ImportError:
-            return False
-        return True
+        return _can_be_imported(self.module)
 
     def takes(self, dims: int) -> bool:
         """Whether it can be used here, for images of so many dimensions."""
         return dims in self.dims and self.is_here
+
+
+@cache  # a second try at a package that fails halfway ends otherwise
+def _can_be_imported(module: str) -> bool:
+    try:
+        import_module(module)
+    except ImportError:
+        return False
+    return True
 
 
 def _none() -> Term:

@@ -1,6 +1,6 @@
 """Topology terms for segmentation, added to a Dice loss with cross-entropy: ours and those of others.
 
-Each has the weight that its authors use; ours also has a smaller one, which shows what the weight trades. Terms of
+Each has the weight that its authors use; ours also has a larger one, which shows what the weight trades. Terms of
 others come from MONAI and topolosses; Skeleton Recall, which is part of a trainer of nnU-Net, is defined here anew.
 """
 
@@ -101,7 +101,7 @@ COMPETITORS = {
     # The default of topolosses, by the authors of L. Lux et al., arXiv:2411.03228.
     "Topograph": Competitor(_topograph, 0.1, (2,), "topolosses.losses"),
     "topokit": Competitor(_ours, 1.0, (2, 3), "topokit.losses"),
-    "topokit, weight 0.2": Competitor(_ours, 0.2, (2, 3), "topokit.losses"),
+    "topokit, weight 5": Competitor(_ours, 5.0, (2, 3), "topokit.losses"),
 }
 
 

@@ -1,6 +1,6 @@
 """Segmentation of noisy vessel trees and membranes by a small U-Net: topology losses beside Dice with cross-entropy.
 
-python -m benchmarks.segmentation                       about half an hour of one core
+python -m benchmarks.segmentation                       about 40 minutes of one core
 python -m benchmarks.segmentation --families trees --dims 2 --seeds 5 6
 python -m benchmarks.segmentation --device cuda --json found.json
 

@@ -1,7 +1,8 @@
 """Topology terms for segmentation, added to a Dice loss with cross-entropy: ours and those of others.
 
-Each has the weight that its authors use; ours also has a larger one, which shows what the weight trades. Terms of
-others come from MONAI and topolosses; Skeleton Recall, which is part of a trainer of nnU-Net, is defined here anew.
+Each has the weight that its authors use. Betti matching also has a smaller one and ours a larger one, which shows what
+the weight trades. Terms of others come from MONAI and topolosses; Skeleton Recall, which is part of a trainer of
+nnU-Net, is defined here anew.
 """
 
 from __future__ import annotations
@@ -98,6 +99,7 @@ COMPETITORS = {
     "Skeleton Recall": Competitor(_skeleton_recall, 1.0, (2, 3), "skimage.morphology"),
     # Configurations of N. Stucki et al., arXiv:2211.15272, and the default of topolosses.
     "Betti matching": Competitor(_betti_matching, 0.5, (2, 3), "topolosses.losses"),
+    "Betti matching, weight 0.05": Competitor(_betti_matching, 0.05, (2, 3), "topolosses.losses"),
     # The default of topolosses, by the authors of L. Lux et al., arXiv:2411.03228.
     "Topograph": Competitor(_topograph, 0.1, (2,), "topolosses.losses"),
     "topokit": Competitor(_ours, 1.0, (2, 3), "topokit.losses"),

@@ -158,6 +158,16 @@ def test_the_table_is_text_and_plain_values() -> None:
     assert done.to_dict()["removals"][0]["how"] == "filled"
 
 
+def test_changes_that_remove_nothing_are_not_made() -> None:
+    noise = gaussian_filter(np.random.default_rng(1).normal(size=(22, 22, 22)), 0.8)
+    shape = tk.from_voxels(noise, level=0.0, spacing=(1, 1, 1.5))
+    done = shape.simplify(below=5, components=False).simplification  # two such changes would undo each other for ever
+    kinds = [one.kind for one in done.removals]
+    assert [before - after for before, after in zip(done.before, done.after, strict=True)] == [
+        kinds.count(kind) for kind in ("part", "tunnel", "cavity")
+    ]
+
+
 def test_where_nothing_is_narrow_the_summary_says_so() -> None:
     done = tk.from_voxels(CASES["a ring, which stays"][0]).simplify(below=0.5).simplification
     assert (done.removals, done.changed) == ((), 0)

@@ -193,7 +193,7 @@ def _patches(
             if count > 0 and tree is not None
             for one in _nearest(own, tree, index, count)
         ]
-        if len(filled) == sum(map(abs, counts)):
+        if filled and len(filled) == sum(map(abs, counts)):
             patches.append(Patch(voxels, tuple(filled)))
     return patches
 

@@ -88,6 +88,12 @@ def test_tunnels_are_cut_or_filled_as_asked(handles: str, how: str, voxels: int)
     assert kept.simplification.changed == 0
 
 
+def test_wide_tunnels_are_filled_where_wide_is_asked_for() -> None:
+    shape = tk.from_voxels(RING)
+    assert shape.simplify(below=9, handles="fill", components=False).genus() == 1
+    assert shape.simplify(below=15, handles="fill", components=False).genus() == 0
+
+
 def test_kinds_that_are_to_stay_stay() -> None:
     volume = (BODY & ~ball(14, 14, 14, 1)) | ball(2, 2, 2, 1)
     shape = tk.from_voxels(volume)
@@ -156,6 +162,14 @@ def test_the_table_is_text_and_plain_values() -> None:
     )
     assert "cavity  filled" in done.text()
     assert done.to_dict()["removals"][0]["how"] == "filled"
+
+
+def test_widths_are_those_of_the_solid_as_it_is_by_then() -> None:
+    x, y, z = np.meshgrid(*[np.arange(44) - 21.5] * 3, indexing="ij")
+    ring = np.hypot(np.hypot(x, y) - 15, z) <= 5
+    bubble = (x + 2) ** 2 + (y + 15) ** 2 + z**2 <= 6.3  # the walls beside it are thin as long as it is there
+    mended = tk.from_voxels(ring & ~bubble).simplify(below=7.5)
+    assert np.array_equal(mended.field.volume.numpy(), ring)
 
 
 def test_changes_that_remove_nothing_are_not_made() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -50,12 +52,13 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
     sides = occupied_box(torch.from_numpy(inside))
     low = np.array([max(start - more, 0) for (start, _), more in zip(sides, margin, strict=True)])
     box = tuple(slice(a, stop + more) for a, (_, stop), more in zip(low, sides, margin, strict=True))
-    balls = SurfaceWidths(lambda first, end: field.surface_between(first + low, end + low), spacing, below)
+
+    def widths(changed: Integers) -> Callable[[Integers], Floats]:
+        balls = SurfaceWidths(partial(field.surface_in_boxes, flipped=changed + low), spacing, below)
+        return lambda voxels: balls.at(voxels + low)
+
     origin = np.asarray(field.grid.origin) + low * spacing
-    part, steps = simplified(
-        *(inside[box], _cost(field, box), below, ways, lambda voxels: balls.at(origin, voxels)),
-        *(field.connectivity, spacing),
-    )
+    part, steps = simplified(*(inside[box], _cost(field, box), below, ways, widths, field.connectivity, spacing))
     if not part.any():
         raise InputError(
             f"{shape.name}: every part is narrower than {below:g}, so that nothing would be left: "

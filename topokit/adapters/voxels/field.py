@@ -7,6 +7,7 @@ from functools import reduce
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from topokit.core.arrays import Integers
 from topokit.core.grid.euler import surface_euler
@@ -62,21 +63,30 @@ class VoxelField(Field):
         """The closed surface as triangles, in the field's own connectivity."""
         return level_surface(self.detached(), self.grid, self.connectivity)
 
-    def surface_between(self, low: Integers, high: Integers) -> TriangleSurface | None:
-        """The surface in the box of voxels from one index (3,) to before another, closed at its sides; None if empty.
+    def surface_in_boxes(self, first: Integers, size: Integers, flipped: Integers) -> TriangleSurface | None:
+        """The surface in boxes of the volume that are put in a row, closed at their sides; None if there is none.
 
         Args:
-            low: of the first voxel; the box is cut at the volume's ends.
-            high: of the first voxel beyond.
+            first: (N, 3) index of the first voxel of each box; beyond the volume is background.
+            size: (3,) voxels along each axis. Box n begins at n (size[0] + 1) along the first axis, and at 0.
+            flipped: (M, 3) indices of voxels that are taken to be as deep on the other side of the surface.
         """
-        first = np.maximum(low, 0)
-        part = self.volume[tuple(slice(a, b) for a, b in zip(first.tolist(), high.tolist(), strict=True))]
-        if not self.is_inside(part).any():
+        index, is_known = [], np.ones((len(first), *size), dtype=bool)
+        for axis, (length, n) in enumerate(zip(self.volume.shape, size.tolist(), strict=True)):
+            at = (first[:, axis, None] + np.arange(n)).reshape([-1, *(n if k == axis else 1 for k in range(3))])
+            is_known &= (at >= 0) & (at < length)
+            index.append(at.clip(0, length - 1))
+        values = self._field_of(self.volume.detach().cpu()[tuple(map(torch.from_numpy, index))])
+        if len(flipped):
+            names = np.ravel_multi_index(tuple(flipped.T), self.volume.shape)
+            own = np.ravel_multi_index(tuple(np.broadcast_arrays(*index)), self.volume.shape)
+            values = torch.where(torch.from_numpy(np.isin(own, names)), -values, values)
+        values = torch.where(torch.from_numpy(is_known), values, -torch.inf)
+        _, y, z = size.tolist()
+        row = pad(values, (0, 0, 0, 0, 0, 1), value=-torch.inf).reshape(-1, y, z)
+        if not (row > 0).any():
             return None
-        x, y, z = (np.asarray(self.grid.origin) + first * self.grid.spacing).tolist()
-        a, b, c = part.shape
-        grid = Grid((a, b, c), self.grid.spacing, (x, y, z))
-        return VoxelField(part, self.level, self.labels, grid, self.connectivity).surface()
+        return level_surface(row, Grid((len(row), y, z), self.grid.spacing), self.connectivity)
 
     def is_inside(self, voxels: Tensor) -> Tensor:
         """Which of some voxels of the volume are in the solid, bool of their shape."""

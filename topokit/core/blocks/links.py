@@ -99,7 +99,7 @@ def classify(
 @compiled
 def _both_classes(solid: int, background: int, solid_is_six: bool) -> int:
     """The change of χ, the class in the background and that in the solid, given the neighbors in both."""
-    change = _index(solid | 1 << 13) if solid_is_six else -_index(background | 1 << 13)
+    change = completed(solid | 1 << 13) if solid_is_six else -completed(background | 1 << 13)
     return (change << BITS_OF_SOLID | _class(background, not solid_is_six)) << BITS_OF_SOLID | _class(
         solid, solid_is_six
     )
@@ -259,7 +259,7 @@ def sum_changes(
 
 
 @compiled
-def _index(mask: int) -> int:
+def completed(mask: int) -> int:
     """1 − edges + squares − cubes that a voxel completes, of a mask with the voxel itself."""
     along_z = mask & mask >> 1
     along_y = mask & mask >> 3

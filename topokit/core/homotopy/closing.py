@@ -22,24 +22,26 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, label
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Booleans, Floats, Integers
-from topokit.core.grid.euler import dual_connectivity, solid_euler
-from topokit.core.homotopy.growth import Ranks, grow, joins, numbers_at, strides_around
+from topokit.core.grid.euler import dual_connectivity
+from topokit.core.homotopy.effects import effect
+from topokit.core.homotopy.growth import Nodes, Ranks, grow, numbers_at
 from topokit.core.homotopy.simple_points import Counts, Indices
+from topokit.core.homotopy.zone import Zone, joins
 from topokit.core.labels import connected_labels
 
-Labels = NDArray[np.int32]
-
-_CORNERS = np.ones((3, 3, 3), dtype=bool)
-
 _ROUNDS = 4  # of shrinking back
-_NEAR = 16.0  # voxels around a place that shrink back in the best order rather than the fastest
+_NEAR = 16  # voxels around a place, at least, that shrink back in the best order rather than the fastest
 
+_NONE: Nodes = np.empty(0, dtype=np.int32)  # forest that is not needed
+
+Shape = tuple[int, ...]
 Widths = Callable[[Integers], Floats]
+Candidates = tuple[Indices, Indices, Indices]
+Forests = tuple[Nodes, Nodes]
 
 
 class Filled(NamedTuple):
@@ -63,176 +65,174 @@ class Patch(NamedTuple):
     filled: tuple[Filled, ...]
 
 
-class Regions(NamedTuple):
-    """Connected components in a solid and around it.
+class Growth(NamedTuple):
+    """A solid that grows within a zone, and memory to work in.
 
     Attributes:
-        parts: (X, Y, Z) labels of the components of the solid, from 1 on.
-        holes: (X, Y, Z) those of the background.
+        own: (M,) 1 in the solid, flat; the same again after each use.
+        shape: (X, Y, Z) of the volume.
+        zone: where voxels may be filled.
+        ranks: (M,) −1; the same again after each use.
+        connectivity: 6 or 26, that of the solid.
     """
 
-    parts: Labels
-    holes: Labels
-
-
-def regions(solid: Booleans, connectivity: int) -> Regions:
-    """The components of a solid (X, Y, Z) and of its background."""
-    return Regions(_labels(solid, connectivity), _labels(~solid, dual_connectivity(connectivity)))
+    own: Counts
+    shape: Shape
+    zone: Zone
+    ranks: Ranks
+    connectivity: int
 
 
 def closing(
-    solid: Booleans,
-    known: Regions,
-    layer: tuple[Indices, Ranks],
+    growth: Growth,
+    known: Forests,
+    layer: Indices,
     widths: Widths,
     wanted: Callable[[int, Floats], Booleans],
     cost: Floats | None,
-    connectivity: int,
 ) -> list[Patch]:
     """The patches that fill gaps, tunnels and cavities of a solid; any choice of them may be applied.
 
     Args:
-        solid: (X, Y, Z), with a layer around it that is not changed.
-        known: its components.
+        growth: the solid.
+        known: forests of the solid and of its background; see `Zone.forest`.
         layer: the voxels that may be filled, see `layer_around`.
-        widths: of places, given by their indices (M, 3).
-        wanted: which classes of a dimension and of some widths (M,) are filled.
-        cost: (X, Y, Z), what it costs to fill each voxel; None if all cost the same.
-        connectivity: 6 or 26, that of the solid.
+        widths: of places, given by their indices (N, 3).
+        wanted: which classes of a dimension and of some widths (N,) are filled.
+        cost: (M,), what it costs to fill each voxel; None if all cost the same.
     """
-    around = strides_around(solid.shape)
-    work = solid.astype(np.int8).ravel()
-    voxels, rank = layer
-    waiting, tried = voxels, (voxels[:0],) * 3
-    found: list[Filled] = []
-    while True:
-        grow(work, waiting[work[waiting] == 0], rank, around, connectivity)
-        waiting = waiting[work[waiting] == 0]
-        candidates = _candidates(work, waiting, around, connectivity)
-        if all(np.isin(*pair).all() for pair in zip(candidates, tried, strict=True)):
-            break
-        tried = candidates
-        new = []
-        for dimension, ends in enumerate(_ends(work, candidates, solid.shape, around, connectivity)):
-            places = np.stack(np.unravel_index(ends, solid.shape), axis=1)
-            sizes = widths(places) if len(places) else np.empty(0)
-            rows = np.flatnonzero(wanted(dimension, sizes))
-            new += [(int(ends[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
-        filled = [one for voxel, one in new if _fills(work, voxel, one.dimension, around, connectivity)]
-        if not filled:
-            break
-        found += filled
-    grown = voxels[work[voxels] != 0]
-    return _patches(solid, known, work, grown, rank, found, cost, connectivity) if found else []
-
-
-def _candidates(
-    work: Counts, waiting: Indices, around: Integers, connectivity: int
-) -> tuple[Indices, Indices, Indices]:
-    """Voxels that join what is apart or close a loop, that close a tunnel or wall off a cavity, and that fill one."""
-    solid, background = numbers_at(work, waiting, around, connectivity)
-    one = solid == 1
-    return waiting[(solid > 1) & (background == 1)], waiting[one & (background > 1)], waiting[one & (background == 0)]
-
-
-def _ends(
-    work: Counts,
-    candidates: tuple[Indices, Indices, Indices],
-    shape: tuple[int, ...],
-    around: Integers,
-    connectivity: int,
-) -> tuple[Indices, Indices, Indices]:
-    """Those candidates at which a class of each dimension ends, in the order of their distance."""
-    between, across, last = candidates
-    if len(between):
-        parts = _labels(work.reshape(shape), connectivity).ravel()
-        between = between[joins(work.copy(), parts, between, around, connectivity) > 1]
-    if len(across):
-        rest = 1 - work
-        rest[across] = 0
-        holes = _labels(rest.reshape(shape), dual_connectivity(connectivity)).ravel()
-        closes = joins(rest, holes, across[::-1], around, dual_connectivity(connectivity)) < 0
-        across = across[::-1][closes]
-    return between, across, last
-
-
-def _labels(mask: Counts | Booleans, connectivity: int) -> Labels:
-    return np.asarray(label(mask, _CORNERS if connectivity == 26 else None)[0], dtype=np.int32)
-
-
-def _fills(work: Counts, voxel: int, dimension: int, around: Integers, connectivity: int) -> bool:
-    """Fill a voxel if it still ends a class of that dimension, now that others have been filled."""
-    solid, background = (int(one[0]) for one in numbers_at(work, np.array([voxel]), around, connectivity))
-    is_end = (solid > 1 and background == 1, solid == 1 and background > 1, solid == 1 and background == 0)[dimension]
-    if is_end:
-        work[voxel] = 1
-    return is_end
-
-
-def _patches(
-    solid: Booleans,
-    known: Regions,
-    work: Counts,
-    grown: Indices,
-    rank: Ranks,
-    found: list[Filled],
-    cost: Floats | None,
-    connectivity: int,
-) -> list[Patch]:
-    """What is left of the growth when it has shrunk back, with what each patch fills."""
-    ends = [[one for one in found if one.dimension == dimension] for dimension in range(3)]
-    trees = [cKDTree([one.voxel for one in own]) if own else None for own in ends]
-    price = np.ones(len(grown)) if cost is None else cost.ravel()[grown]
+    own, shape, zone, _, connectivity = growth
+    found = _filled(growth, known, layer, widths, wanted)
+    places = np.array([one.voxel for one in found], dtype=np.int64).reshape(-1, 3)
+    grown = layer[own[layer] != 0]
+    grown = grown[zone.are_with(grown, np.atleast_1d(np.ravel_multi_index(tuple(places.T), shape)))]
+    price = np.ones(len(grown)) if cost is None else cost[grown]
+    groups = _layers(growth, grown, places, price) if found else []
+    own[layer] = 0
+    kinds = [[one for one in found if one.dimension == dimension] for dimension in range(3)]
+    trees = [cKDTree([one.voxel for one in same]) if same else None for same in kinds]
     patches = []
-    for voxels in _layers(work, solid.shape, grown, rank, np.stack([one.voxel for one in found]), price, connectivity):
-        counts = _filled_by(solid, voxels, known, connectivity)
-        index = np.stack(np.unravel_index(voxels, solid.shape), axis=1)
+    for voxels in groups:
+        counts = effect(own, voxels, zone.nodes, *known, zone.around, connectivity)
+        index = np.stack(np.unravel_index(voxels, shape), axis=1)
         filled = [
             one
-            for count, own, tree in zip(counts, ends, trees, strict=True)
+            for count, same, tree in zip(counts, kinds, trees, strict=True)
             if count > 0 and tree is not None
-            for one in _nearest(own, tree, index, count)
+            for one in _nearest(same, tree, index, count)
         ]
         if filled and len(filled) == sum(map(abs, counts)):
             patches.append(Patch(voxels, tuple(filled)))
     return patches
 
 
-def _layers(
-    work: Counts,
-    shape: tuple[int, ...],
-    grown: Indices,
-    rank: Ranks,
-    places: Integers,
-    price: Floats,
-    connectivity: int,
-) -> list[Indices]:
+def _filled(
+    growth: Growth, known: Forests, layer: Indices, widths: Widths, wanted: Callable[[int, Floats], Booleans]
+) -> list[Filled]:
+    """Let the solid grow and fill what is wanted, until no class ends any more."""
+    own, shape, zone, ranks, connectivity = growth
+    own[layer] = 1
+    beyond = zone.forest(own, 0, dual_connectivity(connectivity))
+    own[layer] = 0
+    parts = known[0].copy()
+    waiting, tried = layer, (layer[:0],) * 3
+    found: list[Filled] = []
+    while True:
+        grow(own, waiting[own[waiting] == 0], ranks, zone.around, connectivity, zone.nodes, parts)
+        waiting = waiting[own[waiting] == 0]
+        candidates = _candidates(growth, waiting)
+        if all(np.isin(*pair).all() for pair in zip(candidates, tried, strict=True)):
+            return found
+        tried = candidates
+        new = []
+        for dimension, ends in enumerate(_ends(growth, (parts, beyond), waiting, candidates)):
+            places = np.stack(np.unravel_index(ends, shape), axis=1)
+            sizes = widths(places) if len(places) else np.empty(0)
+            rows = np.flatnonzero(wanted(dimension, sizes))
+            new += [(int(ends[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+        filled = [one for voxel, one in new if _fills(growth, parts, voxel, one.dimension)]
+        if not filled:
+            return found
+        found += filled
+
+
+def _candidates(growth: Growth, waiting: Indices) -> Candidates:
+    """Voxels that join what is apart or close a loop, that close a tunnel or wall off a cavity, and that fill one."""
+    solid, background = numbers_at(growth.own, waiting, growth.zone.around, growth.connectivity)
+    one = solid == 1
+    return waiting[(solid > 1) & (background == 1)], waiting[one & (background > 1)], waiting[one & (background == 0)]
+
+
+def _ends(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidates) -> Candidates:
+    """Those candidates at which a class of each dimension ends, in the order of their distance.
+
+    Args:
+        growth: the grown solid.
+        rest: forests of the solid and of its background without the layer.
+        waiting: voxels of the layer that are not in the solid.
+        candidates: for each dimension.
+    """
+    own, _, zone, _, connectivity = growth
+    (parts, holes), (between, across, last) = (one.copy() for one in rest), candidates
+    if len(between):
+        joined = joins(own, 1, zone.nodes, parts, between, zone.around, connectivity)
+        own[between] = 0
+        between = between[joined > 1]
+    if len(across):
+        dual = dual_connectivity(connectivity)
+        own[across] = 1
+        zone.join(holes, own, 0, waiting, dual)
+        joined = joins(own, 0, zone.nodes, holes, across[::-1], zone.around, dual)
+        own[across] = 0
+        across = across[::-1][joined < 0]
+    return between, across, last
+
+
+def _fills(growth: Growth, parts: Nodes, voxel: int, dimension: int) -> bool:
+    """Fill a voxel if it still ends a class of that dimension, now that others have been filled."""
+    own, _, zone, _, connectivity = growth
+    at = np.array([voxel])
+    solid, background = (int(one[0]) for one in numbers_at(own, at, zone.around, connectivity))
+    is_end = (solid > 1 and background == 1, solid == 1 and background > 1, solid == 1 and background == 0)[dimension]
+    if is_end:
+        own[voxel] = 1
+        zone.join(parts, own, 1, at, connectivity)
+    return is_end
+
+
+def _layers(growth: Growth, grown: Indices, places: Integers, price: Floats) -> list[Indices]:
     """The voxels (N,) of each component of what is left when all that is simple has shrunk back.
 
     What grew last shrinks back first, as far as it is simple. Of the rest costly voxels come first, then those far from
-    some places (M, 3). The middles of what is left are better places, from which fewer are left; the best of some
+    some places (P, 3). The middles of what is left are better places, from which fewer are left; the best of some
     rounds is taken.
     """
-    around = strides_around(shape)
-    away = cKDTree(places).query(np.stack(np.unravel_index(grown, shape), axis=1), distance_upper_bound=_NEAR)[0]
-    is_near = np.isfinite(away)
-    grow(work, grown[~is_near][::-1], rank, around, connectivity)
-    stays = np.flatnonzero(work[grown])
-    stays = stays[np.argsort(grown[stays])]
-    grown, price = grown[stays], price[stays]
+    own, shape, zone, ranks, connectivity = growth
     index = np.stack(np.unravel_index(grown, shape), axis=1)
+    grow(own, grown[~_is_near(index, places, shape)][::-1], ranks, zone.around, connectivity, zone.nodes, _NONE)
+    stays = np.flatnonzero(own[grown])
+    stays = stays[np.argsort(grown[stays])]
+    grown, price, index = grown[stays], price[stays], index[stays]
     best: tuple[float, list[Indices]] = (np.inf, [])
     for _ in range(_ROUNDS):
         away = cKDTree(places).query(index)[0]
-        grow(work, grown[np.lexsort((-away, -price))], rank, around, connectivity)
-        rows = np.flatnonzero(work[grown])
-        work[grown] = 1
+        grow(own, grown[np.lexsort((-away, -price))], ranks, zone.around, connectivity, zone.nodes, _NONE)
+        rows = np.flatnonzero(own[grown])
+        own[grown] = 1
         groups = [rows[group] for group in _touching(index[rows])]
         if (total := float(price[rows].sum())) >= best[0]:
             break
         best = total, [grown[group] for group in groups]
         places = np.stack([index[group].mean(axis=0) for group in groups])
     return best[1]
+
+
+def _is_near(index: Integers, places: Integers, shape: Shape) -> Booleans:
+    """Which voxels (N, 3) are in the tile of one of some places (P, 3), or in one beside it."""
+    has_place = np.zeros([size // _NEAR + 1 for size in shape], dtype=bool)
+    has_place[tuple((places // _NEAR).T)] = True
+    beside: Booleans = binary_dilation(has_place, np.ones((3, 3, 3)))
+    return beside[tuple((index // _NEAR).T)]
 
 
 def _touching(index: Integers) -> list[Integers]:
@@ -248,24 +248,3 @@ def _nearest(filled: list[Filled], tree: cKDTree, index: Integers, count: int) -
     closest = nearest[np.argsort(away, kind="stable")]
     first = np.sort(np.unique(closest, return_index=True)[1])
     return [filled[k] for k in np.resize(closest[first], count)]
-
-
-def _filled_by(solid: Booleans, voxels: Indices, known: Regions, connectivity: int) -> tuple[int, int, int]:
-    """How many parts some voxels join, tunnels they close and cavities they fill, if they alone join the solid.
-
-    Parts and cavities follow from the labels around and within, tunnels from the Euler characteristic, which is local.
-    """
-    at = np.unravel_index(voxels, solid.shape)
-    box = tuple(slice(int(one.min()) - 1, int(one.max()) + 2) for one in at)
-    added = np.zeros([side.stop - side.start for side in box], dtype=bool)
-    added[tuple(one - side.start for one, side in zip(at, box, strict=True))] = True
-    own, other = (None, _CORNERS) if connectivity == 6 else (_CORNERS, None)
-    touched = known.parts[box][binary_dilation(added, own)]
-    joined = len(np.unique(touched[touched > 0])) - 1
-    holes = known.holes[box]
-    beside = holes[binary_dilation(added, other) & ~added]
-    cavities = len(np.setdiff1d(holes[added], beside))
-    change = solid_euler(solid[box] | added, connectivity=connectivity) - solid_euler(
-        solid[box], connectivity=connectivity
-    )
-    return joined, int(change) + joined + cavities, cavities

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.blocks.planes import root_of
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, component, n_touching, touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, n_touching, touching
 
 Ranks = NDArray[np.int32]
+Nodes = NDArray[np.int32]
+
+_KNOWN = 1 << 15  # neighborhoods that are remembered
+_SPREAD = 0x9E3779B1  # an odd number, by which they are spread over places
+_AROUND = 0x7FFFFFF - (1 << 13)
 
 
 def strides_around(shape: tuple[int, ...]) -> Integers:
@@ -26,7 +30,9 @@ def strides_around(shape: tuple[int, ...]) -> Integers:
 
 
 @compiled
-def grow(inside: Counts, order: Indices, rank: Ranks, around: Integers, connectivity: int) -> None:
+def grow(
+    inside: Counts, order: Indices, rank: Ranks, around: Integers, connectivity: int, nodes: Nodes, parents: Nodes
+) -> None:
     """Flip voxels in an order as long as each is simple; a neighbor that becomes simple later is flipped then.
 
     Args:
@@ -35,9 +41,13 @@ def grow(inside: Counts, order: Indices, rank: Ranks, around: Integers, connecti
         rank: (M,) memory to work in, negative; it is negative again afterwards.
         around: (27,) steps to the neighbors of a voxel.
         connectivity: 6 or 26, that of the solid.
+        nodes: (M,) a number for each voxel.
+        parents: forest of the nodes, in which voxels that join the solid are hung below a neighbor; of length 0 if none
+            is needed.
     """
     for place in range(len(order)):
         rank[order[place]] = place
+    known = np.full(_KNOWN, -1)
     seen = place = 0
     again = [np.int64(0) for _ in range(0)]
     while seen < len(order) or again:
@@ -49,8 +59,10 @@ def grow(inside: Counts, order: Indices, rank: Ranks, around: Integers, connecti
         if rank[voxel] < 0:
             continue
         code = code_at(inside, voxel, around)
-        if n_touching(code, connectivity) != 1 or n_touching(~code & 0x7FFFFFF, 32 - connectivity) != 1:
+        if not _is_simple(code, connectivity, known):
             continue
+        if len(parents) > 0:
+            parents[nodes[voxel]] = nodes[voxel + around[first_bit(touching(code & _AROUND, connectivity))]]
         inside[voxel] ^= 1
         rank[voxel] = -1
         for step in around:
@@ -58,6 +70,26 @@ def grow(inside: Counts, order: Indices, rank: Ranks, around: Integers, connecti
                 heappush(again, np.int64(rank[voxel + step]))
     for voxel in order:
         rank[voxel] = -1
+
+
+@compiled
+def _is_simple(code: int, connectivity: int, known: Integers) -> bool:
+    """Whether a voxel with some neighborhood may be flipped, as `known` remembers it of many neighborhoods."""
+    code &= _AROUND
+    place = code * _SPREAD >> 27 & (_KNOWN - 1)
+    if known[place] >> 1 != code:
+        is_simple = n_touching(code, connectivity) == 1 and n_touching(~code & 0x7FFFFFF, 32 - connectivity) == 1
+        known[place] = code << 1 | is_simple
+    return bool(known[place] & 1)
+
+
+@compiled
+def first_bit(code: int) -> int:
+    """The number of the lowest bit that is set."""
+    bit = 0
+    while not code >> bit & 1:
+        bit += 1
+    return bit
 
 
 @compiled
@@ -78,40 +110,3 @@ def numbers_at(inside: Counts, voxels: Indices, around: Integers, connectivity: 
         solid[row] = n_touching(code, connectivity)
         background[row] = n_touching(~code & 0x7FFFFFF, 32 - connectivity)
     return solid, background
-
-
-@compiled
-def joins(inside: Counts, labels: Ranks, voxels: Indices, around: Integers, connectivity: int) -> Counts:
-    """Add voxels one after the other if each only joins components that were apart, as Kruskal's algorithm does.
-
-    Args:
-        inside: (M,) 1 inside; changed in place.
-        labels: (M,) the component of each voxel inside, from 1 on; changed in place.
-        voxels: (N,) flat indices, in the order in which they are tried.
-        around: (27,) steps to the neighbors of a voxel.
-        connectivity: 6 or 26, that of the solid.
-
-    Returns:
-        (N,) how many components each voxel joined, −1 where it would have closed a loop and was not added.
-    """
-    parent = np.arange(labels.max() + len(voxels) + 1)
-    n_joined = np.full(len(voxels), -1, dtype=np.int8)
-    for row in range(len(voxels)):
-        voxel = voxels[row]
-        code = code_at(inside, voxel, around)
-        left, own, is_loop = touching(code, connectivity), len(parent) - 1 - row, False
-        roots = [0 for _ in range(0)]
-        while left:
-            one = left & -left
-            bit = 0
-            while one >> bit > 1:
-                bit += 1
-            root = root_of(parent, labels[voxel + around[bit]])
-            is_loop |= root in roots
-            roots.append(root)
-            left &= ~component(code, one, connectivity)
-        if not is_loop:
-            for root in roots:
-                parent[root] = own
-            labels[voxel], inside[voxel], n_joined[row] = own, 1, len(roots)
-    return n_joined

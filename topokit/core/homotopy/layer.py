@@ -1,7 +1,7 @@
-"""The voxels around a solid up to a distance, the nearest first.
+"""Voxels around a solid up to a distance, the nearest first.
 
-Every voxel takes over its way to the nearest voxel of the solid from its neighbors, so the time is that of the layer,
-not of the volume. Rarely, another voxel of the solid is nearer by a small part of a voxel.
+Every voxel takes over its way to the nearest voxel of the solid from its neighbors, so the time is that of the voxels
+asked about, not of the volume. Rarely, another voxel of the solid is nearer by a small part of a voxel.
 
 Reference:
     P. E. Danielsson, "Euclidean distance mapping", Computer Graphics and Image Processing 14, 1980,
@@ -10,63 +10,51 @@ Reference:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.arrays import Floats, Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.homotopy.growth import Ranks, strides_around
+from topokit.core.homotopy.growth import Ranks
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices
 
-MARGIN = 2
-"""Layers around a volume that are never in the layer."""
-
-Box = tuple[slice, slice, slice]
-
 _SMOOTHINGS = 2  # of distances, where equal ones are ordered
-# Ranks of voxels that are not reached, and may not be, or may.
-_ELSEWHERE, _FREE = -2, -1
+_ELSEWHERE, _FREE = -1, -2  # ranks of voxels that may not be reached, and of those that may, but are not yet
 
 
 def layer_around(
-    solid: Booleans, boxes: Sequence[Box], reach: float, spacing: tuple[float, float, float]
-) -> tuple[Indices, Ranks]:
-    """The voxels of the background within some boxes that are near a solid.
+    solid: Counts, cells: Integers, ranks: Ranks, around: Integers, reach: float, spacing: tuple[float, float, float]
+) -> Indices:
+    """Those of some voxels of the background that are near a solid, the nearest first.
 
     Of equally near voxels those come first around which others are near, too: in the middle of a narrow part.
 
     Args:
-        solid: (X, Y, Z).
-        boxes: slices of it; `MARGIN` voxels at its ends are left out.
+        solid: (M,) 1 inside, flat.
+        cells: (N,) flat indices of voxels of the background, with a layer around them.
+        ranks: (M,) memory to work in, −1; it is −1 again afterwards.
+        around: (27,) steps to the neighbors of a voxel.
         reach: largest distance between the centers of a voxel and of one of the solid.
         spacing: size of a voxel along each axis.
 
     Returns:
-        Flat indices (N,), and memory (X Y Z,) for `grow`.
+        (L,) flat indices.
     """
-    ranks = np.full(solid.size, _ELSEWHERE, dtype=np.int32)
-    grid = ranks.reshape(solid.shape)
-    for box in boxes:
-        grid[box] = _FREE
-    for axis in range(3):
-        ends = np.moveaxis(grid, axis, 0)
-        ends[:MARGIN] = ends[len(ends) - MARGIN :] = _ELSEWHERE
-    around, inside = strides_around(solid.shape), solid.ravel().view(np.int8)
-    voxels, distances = _reached(inside, ranks, around, OFFSETS, np.array(spacing), reach)
+    ranks[cells] = _FREE
+    voxels, distances = _reached(solid, cells, ranks, around, OFFSETS, np.array(spacing), reach)
     means = distances
     for _ in range(_SMOOTHINGS):
-        means = _means(inside, ranks, voxels, means, around, reach)
-    ranks[:] = -1
-    return voxels[np.lexsort((voxels, means, distances))], ranks
+        means = _means(solid, ranks, voxels, means, around, reach)
+    ranks[cells] = _ELSEWHERE
+    order: Indices = voxels[np.lexsort((voxels, means, distances))]
+    return order
 
 
 @compiled
 def _reached(
-    solid: Counts, ranks: Ranks, around: Integers, offsets: Indices, sizes: Floats, reach: float
+    solid: Counts, cells: Integers, ranks: Ranks, around: Integers, offsets: Indices, sizes: Floats, reach: float
 ) -> tuple[Indices, Floats]:
     """The free voxels that are near, and their distances; `ranks` becomes the row of each."""
-    ends = _ends(solid, ranks, around)
+    ends = _ends(solid, cells, around)
     voxels, waiting = [np.int64(0) for _ in range(0)], [np.int64(0) for _ in range(0)]
     squares, ways = np.empty(1024), np.empty((1024, 3), np.int16)
     is_waiting = np.empty(1024, np.bool_)
@@ -87,7 +75,7 @@ def _reached(
                 continue
             other = voxel + around[k]
             own = ranks[other]
-            if own == _ELSEWHERE or (own == _FREE and solid[other]):
+            if own == _ELSEWHERE:
                 continue
             if own == _FREE:
                 own = ranks[other] = len(voxels)
@@ -105,16 +93,14 @@ def _reached(
 
 
 @compiled
-def _ends(solid: Counts, ranks: Ranks, around: Integers) -> Indices:
-    """The voxels of the solid with a free one across a face, where ways begin."""
+def _ends(solid: Counts, cells: Integers, around: Integers) -> Indices:
+    """The voxels of the solid with one of the cells across a face, where ways begin."""
     ends = [np.int64(0) for _ in range(0)]
-    for voxel in range(around[-1], len(solid) - around[-1]):
-        if solid[voxel]:
-            for k in (4, 10, 12, 14, 16, 22):
-                if not solid[voxel + around[k]] and ranks[voxel + around[k]] == _FREE:
-                    ends.append(np.int64(voxel))
-                    break
-    return np.array(ends)
+    for cell in cells:
+        for k in (4, 10, 12, 14, 16, 22):
+            if solid[cell + around[k]]:
+                ends.append(np.int64(cell + around[k]))
+    return np.unique(np.array(ends, dtype=np.int64))
 
 
 @compiled

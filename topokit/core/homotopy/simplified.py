@@ -3,20 +3,25 @@
 What closing the solid removes, and what closing its background removes, are two lists of patches. A feature that is
 both thin and narrow is in both. The cheapest patches are applied first; one whose feature is gone would no longer
 change the Euler characteristic as it should, and is left out. The result is counted as a whole. What was found is
-looked at again with its surroundings, until no step is left.
+looked at again with its surroundings, until no step is left. All this is done near narrow places only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.euler import dual_connectivity, solid_euler
-from topokit.core.homotopy.closing import Filled, Patch, Regions, Widths, closing, regions
-from topokit.core.homotopy.layer import MARGIN, Box, layer_around
+from topokit.core.homotopy.closing import Filled, Forests, Growth, Patch, Widths, closing
+from topokit.core.homotopy.effects import flip
+from topokit.core.homotopy.growth import Ranks
+from topokit.core.homotopy.layer import layer_around
+from topokit.core.homotopy.narrow import around_narrow_places, margins
+from topokit.core.homotopy.simple_points import Counts
+from topokit.core.homotopy.zone import Zone
 from topokit.core.removal import How, Kind
 
 Way = tuple[Kind, How]
@@ -60,11 +65,36 @@ class Step(NamedTuple):
 
 
 class _Counted(NamedTuple):
-    """A solid's components, its Euler characteristic, and its numbers of parts, tunnels and cavities."""
+    """Forests of a solid and of its background, its Euler characteristic, and its numbers of features."""
 
-    regions: Regions
+    regions: Forests
     euler: int
     betti: Betti
+
+
+class _Volume(NamedTuple):
+    """A solid that changes, flat, with layers around it that do not.
+
+    Attributes:
+        solid: (M,) 1 inside.
+        background: (M,) 1 outside.
+        shape: (X, Y, Z) of both.
+        margins: layers along each axis.
+        zone: where voxels may change sides.
+        ranks: memory to work in; see `Growth`.
+    """
+
+    solid: Counts
+    background: Counts
+    shape: tuple[int, ...]
+    margins: tuple[int, int, int]
+    zone: Zone
+    ranks: Ranks
+
+    def flip(self, at: Integers, connectivity: int) -> int:
+        """Flip voxels, and return by how much the Euler characteristic of the solid changes."""
+        self.background[at] ^= 1
+        return flip(self.solid, at, self.zone.around, connectivity)
 
 
 class _Wanted(NamedTuple):
@@ -73,7 +103,6 @@ class _Wanted(NamedTuple):
     cost: Floats | None
     below: float
     ways: frozenset[Way]
-    widths: Widths
     connectivity: int
     spacing: tuple[float, float, float]
 
@@ -88,7 +117,7 @@ def simplified(
     cost: Floats | None,
     below: float,
     ways: frozenset[Way],
-    widths: Widths,
+    widths: Callable[[Integers], Widths],
     connectivity: int,
     spacing: tuple[float, float, float],
 ) -> tuple[Booleans, list[Step]]:
@@ -99,107 +128,138 @@ def simplified(
         cost: (X, Y, Z), positive, what it costs to change each voxel; None if all cost the same.
         below: width, in units of the spacing.
         ways: how features may be removed.
-        widths: of the places at some voxels (M, 3).
+        widths: of places (M, 3), given the voxels (N, 3) that have changed sides.
         connectivity: 6 or 26, that of the solid.
         spacing: size of a voxel along each axis.
 
     Returns:
         (X, Y, Z) and the steps that lead to it, each of which was counted.
     """
-    solid = np.pad(inside, MARGIN)
-    cost = None if cost is None else np.pad(cost, MARGIN)
-    asked = _Wanted(cost, below, ways, widths, connectivity, spacing)
+    asked = _Wanted(None, below, ways, connectivity, spacing)
+    sides = [(n, n) for n in margins(asked.reach, spacing)]
+    if cost is not None:
+        asked = asked._replace(cost=np.pad(cost, sides).ravel())
+    volume = _volume(np.pad(inside, sides), asked)
+    counted = _counted(volume, int(solid_euler(inside, connectivity=connectivity)), connectivity)
     beside = 2 * int(np.ceil(asked.reach / min(spacing)))
-    counted = _counted(solid, _euler(solid, connectivity), connectivity)
-    boxes: list[Box] = [(slice(None), slice(None), slice(None))]
-    taken: list[Step] = []
-    while boxes:
-        found = [step for is_added in (False, True) for step in _steps(solid, counted, is_added, boxes, asked)]
-        found.sort(key=lambda step: _cost(step, cost))
-        done, counted = _taken(solid, found, counted, connectivity)
+    cells, taken = volume.zone.voxels, list[Step]()
+    while len(cells):
+        current = widths(_changed(taken) - volume.margins)
+        found = [s for is_added in (False, True) for s in _steps(volume, counted, is_added, cells, asked, current)]
+        found.sort(key=lambda step: _cost(step, volume, asked.cost))
+        done, counted = _taken(volume, found, counted, connectivity)
         taken += done
-        boxes = [_box_around(step, beside, solid.shape) for step in found] if done else []
-    inner = (slice(MARGIN, -MARGIN),) * 3
-    return solid[inner].copy(), [_moved(step) for step in taken]
+        cells = _near(volume, [step.voxels for step in found] if done else [], beside)
+    inner = tuple(slice(n, size - n) for n, size in zip(volume.margins, volume.shape, strict=True))
+    mended: Booleans = volume.solid.view(bool).reshape(volume.shape)[inner].copy()
+    return mended, [_moved(step, volume.margins) for step in taken]
 
 
-def _steps(solid: Booleans, counted: _Counted, is_added: bool, boxes: list[Box], asked: _Wanted) -> list[Step]:
-    """The changes of one sign that remove features, within some boxes."""
+def _volume(solid: Booleans, asked: _Wanted) -> _Volume:
+    """A solid with a zone around its narrow places, whether they are in the background or in the solid itself."""
+    around, connectivity = margins(asked.reach, asked.spacing), asked.connectivity
+    zone = Zone(solid, around_narrow_places(solid, asked.reach, asked.spacing, connectivity), connectivity)
+    ranks = np.full(solid.size, -1, dtype=np.int32)
+    own, other = (one.ravel().view(np.int8) for one in (solid, ~solid))
+    return _Volume(own, other, solid.shape, around, zone, ranks)
+
+
+def _changed(steps: list[Step]) -> Integers:
+    """The voxels (N, 3) that are on another side after some steps; one of two steps is on the side where it was."""
+    voxels = np.concatenate([np.empty((0, 3), dtype=np.int64), *(step.voxels for step in steps)])
+    once, counts = np.unique(voxels, axis=0, return_counts=True)
+    return once[counts % 2 == 1]
+
+
+def _steps(
+    volume: _Volume, counted: _Counted, is_added: bool, cells: Integers, asked: _Wanted, widths: Widths
+) -> list[Step]:
+    """The changes of one sign that remove features, within some voxels of the zone."""
     if not any(_WAYS[is_added, dimension] in asked.ways for dimension in range(3)):
         return []
 
     def wanted(dimension: int, sizes: Floats) -> Booleans:
         return (sizes < asked.below) & (_WAYS[is_added, dimension] in asked.ways)
 
-    own, known = (solid, counted.regions) if is_added else (~solid, Regions(*counted.regions[::-1]))
-    layer = layer_around(own, boxes, asked.reach, asked.spacing)
+    own = volume.solid if is_added else volume.background
+    zone, ranks = volume.zone, volume.ranks
+    layer = layer_around(own, cells[own[cells] == 0], ranks, zone.around, asked.reach, asked.spacing)
     connectivity = asked.connectivity if is_added else dual_connectivity(asked.connectivity)
-    patches = closing(own, known, layer, lambda at: asked.widths(at - MARGIN), wanted, asked.cost, connectivity)
-    return [_step(patch, is_added, solid.shape) for patch in patches]
+    growth = Growth(own, volume.shape, zone, ranks, connectivity)
+    known = counted.regions if is_added else counted.regions[::-1]
+    patches = closing(growth, known, layer, lambda at: widths(at - volume.margins), wanted, asked.cost)
+    return [_step(patch, is_added, volume.shape) for patch in patches]
 
 
 def _step(patch: Patch, is_added: bool, shape: tuple[int, ...]) -> Step:
     return Step(np.stack(np.unravel_index(patch.voxels, shape), axis=1), is_added, patch.filled)
 
 
-def _moved(step: Step) -> Step:
+def _moved(step: Step, margins: tuple[int, int, int]) -> Step:
     """A step in the solid without the layers around it."""
-    filled = tuple(one._replace(voxel=one.voxel - MARGIN) for one in step.filled)
-    return Step(step.voxels - MARGIN, step.is_added, filled)
+    filled = tuple(one._replace(voxel=one.voxel - margins) for one in step.filled)
+    return Step(step.voxels - margins, step.is_added, filled)
 
 
-def _cost(step: Step, cost: Floats | None) -> float:
-    return float(len(step.voxels) if cost is None else cost[tuple(step.voxels.T)].sum())
+def _at(step: Step, volume: _Volume) -> Integers:
+    """The flat indices of a step's voxels."""
+    return np.ravel_multi_index(tuple(step.voxels.T), volume.shape)
 
 
-def _taken(solid: Booleans, steps: list[Step], before: _Counted, connectivity: int) -> tuple[list[Step], _Counted]:
+def _cost(step: Step, volume: _Volume, cost: Floats | None) -> float:
+    return float(len(step.voxels) if cost is None else cost[_at(step, volume)].sum())
+
+
+def _taken(volume: _Volume, steps: list[Step], before: _Counted, connectivity: int) -> tuple[list[Step], _Counted]:
     """Apply steps, in place, that have the effect they should have; if not all do together, then by halves.
 
     A step beside one that was applied is left for the next round, because what it would remove may have changed.
     """
     done: list[Step] = []
-    is_changed = np.zeros(solid.shape, dtype=bool)
+    is_changed = np.zeros(volume.shape, dtype=bool)
     expected, euler = np.array(before.betti), before.euler
     for step in steps:
-        box, at = _box_around(step, 1, solid.shape), tuple(step.voxels.T)
-        if is_changed[box].any():
+        if is_changed[_box_around(step.voxels, 1, volume.shape)].any():
             continue
-        euler_before = _euler(solid[box], connectivity)
-        solid[at] = step.is_added
-        if _euler(solid[box], connectivity) - euler_before != step.euler:
-            solid[at] = not step.is_added
+        if volume.flip(_at(step, volume), connectivity) != step.euler:
+            volume.flip(_at(step, volume), connectivity)
             continue
-        is_changed[at] = True
+        is_changed[tuple(step.voxels.T)] = True
         done.append(step)
         euler += step.euler
         np.subtract.at(expected, [_ROW[kind] for kind, _ in step.ways], 1)
     if not done:
         return [], before
-    after = _counted(solid, euler, connectivity)
+    after = _counted(volume, euler, connectivity)
     if after.betti == tuple(expected):
         return done, after
-    solid[is_changed] ^= True
+    for step in done:
+        volume.flip(_at(step, volume), connectivity)
     if len(done) == 1:
         return [], before
     half = len(done) // 2
-    first, middle = _taken(solid, done[:half], before, connectivity)
-    second, last = _taken(solid, done[half:], middle, connectivity)
+    first, middle = _taken(volume, done[:half], before, connectivity)
+    second, last = _taken(volume, done[half:], middle, connectivity)
     return first + second, last
 
 
-def _box_around(step: Step, margin: int, shape: tuple[int, ...]) -> Box:
-    """The box of a step, so many voxels wider at each side where the volume goes on."""
-    low, high = step.voxels.min(axis=0) - margin, step.voxels.max(axis=0) + margin + 1
-    x, y, z = (slice(max(a, 0), min(b, n)) for a, b, n in zip(low.tolist(), high.tolist(), shape, strict=True))
-    return x, y, z
+def _near(volume: _Volume, places: list[Integers], margin: int) -> Integers:
+    """The voxels of the zone that are in the boxes of some voxels (N, 3), so many voxels wider at each side."""
+    is_near = np.zeros(volume.shape, dtype=bool)
+    for voxels in places:
+        is_near[_box_around(voxels, margin, volume.shape)] = True
+    return volume.zone.voxels[is_near.ravel()[volume.zone.voxels]]
 
 
-def _euler(solid: Booleans, connectivity: int) -> int:
-    return int(solid_euler(solid, connectivity=connectivity))
+def _box_around(voxels: Integers, margin: int, shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """The box of some voxels (N, 3), so many voxels wider at each side where the volume goes on."""
+    low, high = voxels.min(axis=0) - margin, voxels.max(axis=0) + margin + 1
+    return tuple(slice(max(a, 0), min(b, n)) for a, b, n in zip(low.tolist(), high.tolist(), shape, strict=True))
 
 
-def _counted(solid: Booleans, euler: int, connectivity: int) -> _Counted:
-    """A solid's components and numbers, given its Euler characteristic, which is known from the steps taken."""
-    found = regions(solid, connectivity)
-    pieces, cavities = int(found.parts.max()), int(found.holes.max()) - 1
-    return _Counted(found, euler, (pieces, pieces + cavities - euler, cavities))
+def _counted(volume: _Volume, euler: int, connectivity: int) -> _Counted:
+    """A solid's regions and numbers, given its Euler characteristic, which is known from the steps taken."""
+    zone, dual = volume.zone, dual_connectivity(connectivity)
+    found = zone.forest(volume.solid, 1, connectivity), zone.forest(volume.solid, 0, dual)
+    pieces, outside = zone.counts(volume.solid, *found)
+    return _Counted(found, euler, (pieces, pieces + outside - 1 - euler, outside - 1))

@@ -8,21 +8,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.grid.tiles import tiles_of
 from topokit.core.surface import TriangleSurface
 
 _STEPS = np.arange(-2, 3) / 4  # of a voxel, within which the center of the ball is looked for
-_TILE = 16  # voxels along each axis of which the surface is made at a time
+_MOST_VOXELS = 1 << 20  # whose surface is made at a time
 
 
 class SurfaceWidths:
     """Diameters of the largest balls near voxels that the surface does not enter, where they are small.
 
-    The surface is made only around the tiles of the volume in which there are such voxels.
+    The surface is made only in boxes around such voxels, many at a time.
 
     Args:
-        surface: the surface in a box of voxels, given by its lowest and its first voxel beyond, as triangles about as
-            large as a voxel; None if there is none. At the box's sides it may be closed.
+        surface: the surface in boxes of one size, given by their first voxels (N, 3) and the size, as triangles about
+            as large as a voxel; None if there is none. The boxes are put in a row along the first axis, with a layer of
+            voxels between them, and begin at 0; at their sides the surface may be closed.
         spacing: size of a voxel along each axis.
         most: up to which diameters are right; wider ones are at least so wide.
     """
@@ -35,29 +35,36 @@ class SurfaceWidths:
     ) -> None:
         self._surface = surface
         self._spacing = np.array(spacing)
+        self._most = most
         self._margin = 2 + np.ceil(most / 2 / self._spacing).astype(np.int64)
         around = np.stack(np.meshgrid(_STEPS, _STEPS, _STEPS, indexing="ij"), axis=-1).reshape(-1, 3)
         self._around = around * spacing
-        self._trees: dict[tuple[int, ...], cKDTree | None] = {}
+        self._known: dict[tuple[int, ...], float] = {}
 
-    def at(self, origin: Floats, voxels: Integers) -> Floats:
-        """The diameters (M,) at the centers of voxels (M, 3), the first of which is at the origin."""
-        found = np.full(len(voxels), np.inf)
-        for first, rows in tiles_of(voxels, _TILE):
-            if (tree := self._tree(first)) is not None:
-                centers = (origin + voxels[rows] * self._spacing)[:, None] + self._around
-                found[rows] = 2 * tree.query(centers)[0].max(axis=1)
+    def at(self, voxels: Integers) -> Floats:
+        """The diameters (N,) at the centers of voxels (N, 3)."""
+        names = [tuple(voxel) for voxel in voxels.tolist()]
+        new = np.array(sorted(set(names) - self._known.keys()), dtype=np.int64).reshape(-1, 3)
+        size = 2 * self._margin + 1
+        n_boxes = max(1, _MOST_VOXELS // int(size.prod()))
+        for start in range(0, len(new), n_boxes):
+            part = new[start : start + n_boxes]
+            self._known |= zip(map(tuple, part.tolist()), self._widths(part, size).tolist(), strict=True)
+        return np.array([self._known[name] for name in names])
+
+    def _widths(self, voxels: Integers, size: Integers) -> Floats:
+        """Those of voxels (N, 3), the boxes around which have a size (3,)."""
+        surface = self._surface(voxels - self._margin, size)
+        if surface is None:
+            return np.full(len(voxels), np.inf)
+        tree = cKDTree(_samples(surface), compact_nodes=False, balanced_tree=False)
+        middles = np.repeat(self._margin[None], len(voxels), axis=0)
+        middles[:, 0] += np.arange(len(voxels)) * (size[0] + 1)
+        centers = middles * self._spacing
+        found: Floats = 2 * tree.query(centers)[0]
+        narrow = np.flatnonzero(found < self._most)  # at the others there is a ball that is wide enough
+        found[narrow] = 2 * tree.query(centers[narrow][:, None] + self._around)[0].max(axis=1, initial=0)
         return found
-
-    def _tree(self, first: Integers) -> cKDTree | None:
-        """Of samples of the surface around a tile, which is given by its first voxel."""
-        name = tuple(first.tolist())
-        if name not in self._trees:
-            surface = self._surface(first - self._margin, first + _TILE + self._margin)
-            self._trees[name] = (
-                None if surface is None else cKDTree(_samples(surface), compact_nodes=False, balanced_tree=False)
-            )
-        return self._trees[name]
 
 
 def _samples(surface: TriangleSurface) -> Floats:

@@ -1,0 +1,66 @@
+"""Solids on grids as bits, 64 voxels in a word: passes over a whole volume that cost next to nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.arrays import Booleans, Integers
+
+Bits = NDArray[np.uint64]
+
+_WORD = 64
+
+
+def packed(solid: Booleans) -> Bits:
+    """The voxels (X, Y, Z) along the last axis as bits of words, 0 beyond the end."""
+    rows = np.packbits(solid, axis=2, bitorder="little")
+    missing = -rows.shape[2] % 8
+    words: Bits = np.ascontiguousarray(np.pad(rows, ((0, 0), (0, 0), (0, missing)))).view(np.uint64)
+    return words
+
+
+def voxels_of(bits: Bits, length: int) -> Integers:
+    """Flat indices (N,) of the voxels that are set, in a volume so long along the last axis."""
+    rows, words = np.divmod(np.flatnonzero(bits), bits.shape[2])
+    each = np.unpackbits(bits[bits != 0].view(np.uint8).reshape(-1, 8), axis=1, bitorder="little")
+    word, bit = np.nonzero(each)
+    return rows[word] * length + words[word] * _WORD + bit
+
+
+def widened(bits: Bits, axis: int, before: int, after: int) -> Bits:
+    """Every voxel that has a set one among so many before it and after it along an axis, or is set."""
+    return _reached(_reached(bits, axis, 1, after), axis, -1, before)
+
+
+def _reached(bits: Bits, axis: int, sense: int, steps: int) -> Bits:
+    """The voxels from which a set one is at most so many steps ahead."""
+    done = 0
+    while done < steps:
+        more = min(done + 1, steps - done)
+        bits = bits | _ahead(bits, axis, sense * more)
+        done += more
+    return bits
+
+
+def _ahead(bits: Bits, axis: int, steps: int) -> Bits:
+    """What is so many steps ahead of every voxel, 0 beyond the ends."""
+    if axis < 2:
+        return _moved(bits, axis, steps)
+    words, rest = divmod(steps, _WORD)
+    first = _moved(bits, 2, words)
+    if rest == 0:
+        return first
+    return (first >> np.uint64(rest)) | (_moved(bits, 2, words + 1) << np.uint64(_WORD - rest))
+
+
+def _moved(bits: Bits, axis: int, steps: int) -> Bits:
+    if steps == 0:
+        return bits
+    result = np.zeros_like(bits)
+    target, source = np.moveaxis(result, axis, 0), np.moveaxis(bits, axis, 0)
+    if steps > 0:
+        target[:-steps] = source[steps:]
+    else:
+        target[-steps:] = source[:steps]
+    return result

@@ -1,0 +1,76 @@
+"""Regions of voxels in equal states, labeled by runs along rows: a row of equal voxels costs as much as one voxel."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from topokit.core.arrays import Integers
+from topokit.core.blocks.compiled import compiled
+from topokit.core.blocks.planes import number_roots, root_of
+from topokit.core.homotopy.growth import Nodes
+
+States = NDArray[np.uint8]
+
+ELSEWHERE = 2
+"""The state of voxels that are in no region."""
+
+
+def labeled(states: States, connectivity: int) -> tuple[Nodes, States]:
+    """The regions of the voxels in state 1, and of those in state 0.
+
+    Args:
+        states: (X, Y, Z) of 0, 1 and `ELSEWHERE`.
+        connectivity: 6 or 26, that of state 1; the other one is that of state 0.
+
+    Returns:
+        (X Y Z,) numbers from 1 on, meaningless in `ELSEWHERE`, and the states (K,) of what has each number from 0 on.
+    """
+    flat, length = states.ravel(), states.shape[2]
+    is_start = np.empty(flat.size, dtype=bool)
+    np.not_equal(flat[1:], flat[:-1], out=is_start[1:])
+    is_start[::length] = True
+    starts = np.flatnonzero(is_start)
+    rows = np.searchsorted(starts, np.arange(0, flat.size + 1, length))
+    ends = np.append(starts[1:], flat.size)
+    parents, numbers = np.arange(len(starts), dtype=np.int32), np.empty(len(starts), dtype=np.int32)
+    _join_rows(starts, ends, flat[starts], rows, states.shape, connectivity, parents)
+    n_regions = number_roots(parents, numbers)
+    own = np.full(n_regions + 1, ELSEWHERE, dtype=np.uint8)
+    own[numbers + 1] = flat[starts]
+    return np.repeat(numbers + 1, ends - starts), own
+
+
+@compiled
+def _join_rows(
+    starts: Integers,
+    ends: Integers,
+    states: States,
+    rows: Integers,
+    shape: tuple[int, int, int],
+    connectivity: int,
+    parents: Nodes,
+) -> None:
+    """Join runs that touch; each has its start and its end (last + 1) as flat indices, each row its first run."""
+    for row in range(len(rows) - 1):
+        x, y = row // shape[1], row % shape[1]
+        for dx, dy in ((0, -1), (-1, 0), (-1, -1), (-1, 1)):
+            if x + dx < 0 or not 0 <= y + dy < shape[1]:
+                continue
+            before = row + dx * shape[1] + dy
+            shift, other = (row - before) * shape[2], rows[before]
+            for own in range(rows[row], rows[row + 1]):
+                if states[own] == ELSEWHERE:
+                    continue
+                joins_corners = (connectivity == 26) == (states[own] == 1)
+                if not joins_corners and dx * dy != 0:
+                    continue
+                first, last = starts[own] - shift - joins_corners, ends[own] - shift + joins_corners
+                while other < rows[before + 1] - 1 and ends[other] <= starts[own] - shift - 1:
+                    other += 1
+                k = other
+                while k < rows[before + 1] and starts[k] < last:
+                    if states[k] == states[own] and ends[k] > first:
+                        one, two = root_of(parents, own), root_of(parents, k)
+                        parents[max(one, two)] = min(one, two)
+                    k += 1

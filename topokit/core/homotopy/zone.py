@@ -1,0 +1,147 @@
+"""The part of a volume in which voxels may change sides, and what is connected through the rest of it.
+
+The regions of both phases outside the zone are labeled once. After that, regions of the whole volume follow from the
+zone's own voxels by union-find, so their cost is that of the zone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from topokit.core.arrays import Booleans, Integers
+from topokit.core.blocks.compiled import compiled
+from topokit.core.blocks.planes import root_of
+from topokit.core.homotopy.growth import Nodes, code_at, first_bit, strides_around
+from topokit.core.homotopy.runs import ELSEWHERE, labeled
+from topokit.core.homotopy.simple_points import Counts, Indices, component, touching
+
+
+class Zone:
+    """Voxels of a volume, of which any may be in the solid.
+
+    Attributes:
+        voxels: (N,) their flat indices, ascending.
+        nodes: (M,) of all voxels, a number of its own for each voxel of the zone, and one for each region outside of
+            it.
+        n_outside: number of regions outside.
+        around: (27,) steps to the neighbors of a voxel.
+    """
+
+    def __init__(self, solid: Booleans, voxels: Integers, connectivity: int) -> None:
+        """Args: solid (X, Y, Z); voxels (N,): ascending flat indices; connectivity: 6 or 26, that of the solid."""
+        self.voxels, self.around = voxels, strides_around(solid.shape)
+        states = solid.astype(np.uint8)
+        states.ravel()[voxels] = ELSEWHERE
+        self.nodes, self._states = labeled(states, connectivity)
+        self.n_outside = len(self._states) - 1
+        self.nodes[voxels] = np.arange(len(voxels)) + len(self._states)
+        self._clusters = np.arange(self.n_outside + len(voxels) + 1, dtype=np.int32)
+        _cluster(voxels, self.nodes, self.n_outside, self.around, self._clusters)
+
+    def forest(self, inside: Counts, phase: int, connectivity: int) -> Nodes:
+        """A forest of the nodes (K,) in which those of one region of a phase have one root.
+
+        Args:
+            inside: (M,) 1 inside.
+            phase: 1 for the solid, 0 for the background.
+            connectivity: 6 or 26, that of the phase.
+        """
+        parents = np.arange(self.n_outside + len(self.voxels) + 1, dtype=np.int32)
+        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self.around, connectivity, parents)
+        return parents
+
+    def join(self, parents: Nodes, inside: Counts, phase: int, voxels: Indices, connectivity: int) -> None:
+        """Add some voxels (N,) of a phase to its forest."""
+        _unite(inside, phase, voxels, self.nodes, len(self.nodes), self.around, connectivity, parents)
+
+    def are_with(self, voxels: Indices, others: Indices) -> Booleans:
+        """Which voxels (N,) of the zone are in one part of it, joined also by corners, with one of others (M,)."""
+        has_other = np.zeros(len(self._clusters), dtype=bool)
+        has_other[self._clusters[self.nodes[others]]] = True
+        return has_other[self._clusters[self.nodes[voxels]]]
+
+    def counts(self, inside: Counts, solid: Nodes, background: Nodes) -> tuple[int, int]:
+        """Numbers of regions of the solid and of the background, given their forests."""
+        states, own = np.concatenate((self._states, inside[self.voxels])), np.arange(len(solid))
+        return int(((solid == own) & (states == 1)).sum()), int(((background == own) & (states == 0)).sum())
+
+
+@compiled
+def _unite(
+    inside: Counts,
+    phase: int,
+    voxels: Indices,
+    nodes: Nodes,
+    n_outside: int,
+    around: Integers,
+    connectivity: int,
+    parents: Nodes,
+) -> None:
+    """Join the nodes of voxels of a phase with those around; of two above `n_outside` the later one does it."""
+    for voxel in voxels:
+        if inside[voxel] != phase:
+            continue
+        root = root_of(parents, nodes[voxel])
+        for k in range(27):
+            if connectivity == 6 and k not in (4, 10, 12, 14, 16, 22):
+                continue
+            other = voxel + around[k]
+            if inside[other] != phase or (k > 13 and nodes[other] > n_outside):
+                continue
+            found = root_of(parents, nodes[other])
+            if found != root:
+                parents[found] = root
+
+
+@compiled
+def _cluster(voxels: Indices, nodes: Nodes, n_outside: int, around: Integers, parents: Nodes) -> None:
+    """Write the root of the part of a zone that each of its voxels is in."""
+    for voxel in voxels:
+        root = root_of(parents, nodes[voxel])
+        for k in range(13):
+            other = nodes[voxel + around[k]]
+            if other > n_outside:
+                found = root_of(parents, other)
+                if found != root:
+                    parents[found] = root
+    for voxel in voxels:
+        parents[nodes[voxel]] = root_of(parents, nodes[voxel])
+
+
+@compiled
+def joins(
+    inside: Counts, phase: int, nodes: Nodes, parents: Nodes, voxels: Indices, around: Integers, connectivity: int
+) -> Counts:
+    """Add voxels to a phase one after the other if each only joins regions that were apart: Kruskal's algorithm.
+
+    Args:
+        inside: (M,) 1 inside; changed in place.
+        phase: 1 for the solid, 0 for the background.
+        nodes: (M,) of the voxels.
+        parents: forest of the regions of the phase; changed in place.
+        voxels: (N,) flat indices in the other phase, in the order in which they are tried.
+        around: (27,) steps to the neighbors of a voxel.
+        connectivity: 6 or 26, that of the phase.
+
+    Returns:
+        (N,) how many regions each voxel joined, −1 where it would have closed a loop and was not added.
+    """
+    n_joined = np.full(len(voxels), -1, dtype=np.int8)
+    for row in range(len(voxels)):
+        voxel = voxels[row]
+        code = code_at(inside, voxel, around)
+        if phase == 0:
+            code = ~code & 0x7FFFFFF
+        left, own, is_loop = touching(code, connectivity), nodes[voxel], False
+        roots = [0 for _ in range(0)]
+        while left:
+            bit = first_bit(left)
+            root = int(root_of(parents, nodes[voxel + around[bit]]))
+            is_loop |= root in roots
+            roots.append(root)
+            left &= ~component(code, 1 << bit, connectivity)
+        if not is_loop:
+            for root in roots:
+                parents[root] = own
+            inside[voxel], n_joined[row] = phase, len(roots)
+    return n_joined

@@ -26,7 +26,7 @@ from topokit.core.removal import How, Removal
 
 _PERIMETER = 4.0  # length of the longest loop that is looked for, in widths: that around a square
 _INWARD = (0.0, 0.25, 0.5)  # of the way from the middle of a loop to its corners: where the ball in it is looked for
-_BEYOND = 2.0  # radii of a loop within which its caps may meet other faces
+_BEYOND = 2.0  # radii of a loop and of the faces around it, within which these and its caps may meet other faces
 _STAGE = "handles below the width"
 
 
@@ -64,24 +64,24 @@ def without_small_handles(
     removals: list[Removal] = []
     refused: set[tuple[int, ...]] = set()
     n_found = 0
-    roots: Integers | None = None
     with stages({_STAGE: 1.0}):
         begin(_STAGE)
+        found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below), True
         while True:
-            found = small_loops(edge_graph(vertices, faces), _PERIMETER * below, roots)
             rings = _rings(vertices, faces, found.loops, below, ways, refused)
             chosen, n_refused = _not_separating(faces, rings), len(refused)
             n_found = max(n_found, len(removals) + len(chosen))
             n_vertices = len(vertices)
             vertices, faces, chosen = _cut(vertices, faces, chosen, refused, check)
-            if not chosen and len(refused) == n_refused:
-                if roots is None:
-                    return vertices, faces, removals
-                roots = None  # once more everywhere
-                continue
-            removals += [_removal(ring) for ring in chosen]
-            roots = np.concatenate((found.roots, np.arange(n_vertices, len(vertices))))
-            advance(len(removals) / max(n_found, 1))
+            if chosen:
+                removals += [_removal(ring) for ring in chosen]
+                roots = np.concatenate((found.roots, np.arange(n_vertices, len(vertices))))
+                found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below, roots), False
+                advance(len(removals) / max(n_found, 1))
+            elif len(refused) == n_refused and is_everywhere:
+                return vertices, faces, removals
+            elif len(refused) == n_refused:
+                found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below), True
 
 
 def _removal(ring: Ring) -> Removal:
@@ -176,8 +176,10 @@ def _crossed(before: Arrays, after: Arrays, rings: list[Ring]) -> Booleans:
     """Whether faces intersect beside each of the rings that did not do so before."""
     (old_points, faces), (points, triangles) = before, after
     radii = [np.linalg.norm(old_points[ring.vertices] - ring.place, axis=1).max() for ring in rings]
+    longest = _longest_edges(old_points, faces)
+    sides = [longest[ring.vertices].max() for ring in rings]  # of the faces whose corners move
     near = cKDTree(points[triangles].mean(axis=1)).query_ball_point(
-        [ring.place for ring in rings], _BEYOND * np.array(radii)
+        [ring.place for ring in rings], _BEYOND * (np.array(radii) + sides)
     )
     rows = np.unique(np.concatenate([np.asarray(one, dtype=np.int64) for one in near]))
     pairs = rows[intersecting_faces(points, triangles[rows])]
@@ -192,6 +194,16 @@ def _crossed(before: Arrays, after: Arrays, rings: list[Ring]) -> Booleans:
         away, nearest = tree.query(points[triangles[pairs]].mean(axis=2))
         crossed[owner[nearest[np.arange(len(pairs)), away.argmin(axis=1)]]] = True
     return crossed
+
+
+def _longest_edges(vertices: Floats, faces: Integers) -> Floats:
+    """The length of the longest edge at each vertex (V,)."""
+    longest = np.zeros(len(vertices))
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        lengths = np.linalg.norm(vertices[faces[:, first]] - vertices[faces[:, second]], axis=1)
+        for corner in (first, second):
+            np.maximum.at(longest, faces[:, corner], lengths)
+    return longest
 
 
 def _codes(pairs: Integers, size: int) -> Integers:

@@ -11,8 +11,8 @@ from topokit.losses.field_loss import Reduction
 from topokit.losses.topology import TopologyLoss
 
 # Share of the slopes of `TopologyLoss` for log-odds: 10 at a decisive voxel, not 50. One field has to change there;
-# here a network has to do well on other images. Slopes of 10, 50 and 150 cost 0.00 (one seed), 0.01 (two) and 0.02 (one)
-# of Dice on trees in the plane (benchmarks/segmentation.py, seeds 5 and 6; docs/segmentation-measured.md has 0 to 4).
+# here a network has to do well on other images. Slopes of 10, 50 and 150 cost 0.00, 0.01 and 0.02 of Dice on trees in
+# the plane (benchmarks/segmentation.py, one, two and one of seeds 5 and 6; docs/segmentation-measured.md has 0 to 4).
 _SHARE = 0.2
 _SMALLEST_PROBABILITY = 1e-6  # log-odds of smaller ones, and of 1 less this, are not told apart: single precision
 

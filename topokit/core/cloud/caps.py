@@ -24,6 +24,7 @@ from topokit.core.arrays import Floats
 _PAIRS = 1 << 22  # of places and samples whose solid angles are summed at once
 _INSIDE = 0.25  # winding number from which a place of the plane lies under the solid; it is one half there, zero beside
 _FREE = 1.0  # spacings to the nearest sample, at least, of a place where a surface is missing
+_MOST = 20_000  # places of a plane that are looked at; where a spacing would make more, their step is longer
 _FITS = 3  # of a plane to the corners near it
 _NEAR = 1.5  # spacings from the plane
 
@@ -39,7 +40,7 @@ class OrientedLayer:
     @property
     def spacing(self) -> float:
         """Typical distance of neighbors, in units of length."""
-        return math.sqrt(float(np.median(self.areas)))
+        return math.sqrt(float(self.areas.mean()))
 
     def winding_numbers(self, places: Floats) -> Floats:
         """Share of all directions (P,) in which the layer is seen from places (P, 3), positive from inside."""
@@ -51,10 +52,10 @@ class OrientedLayer:
             found[rows] = (along / (squared * np.sqrt(squared))) @ self.areas
         return found / (4 * math.pi)
 
-    def joined(self, points: Floats, normal: Floats) -> OrientedLayer:
-        """The layer with samples (M, 3) of one normal (3,) that lie a spacing from each other."""
+    def joined(self, points: Floats, normal: Floats, step: float) -> OrientedLayer:
+        """The layer with samples (M, 3) of one normal (3,) that lie in a square grid of some step."""
         normals = np.broadcast_to(normal, points.shape)
-        areas = np.full(len(points), self.spacing**2)
+        areas = np.full(len(points), step**2)
         own = (self.points, points), (self.normals, normals), (self.areas, areas)
         return OrientedLayer(*(np.concatenate(pair) for pair in own))
 
@@ -72,7 +73,7 @@ def planar_caps(layer: OrientedLayer, lids: Iterable[Floats]) -> tuple[Floats, F
     found = layer
     for triangles in lids:
         corners, normal = _outer_plane(triangles, layer.spacing)
-        found = found.joined(_missing(found, corners, normal), normal)
+        found = _with_cap(found, corners, normal, layer.spacing)
     first = len(layer.points)
     return found.points[first:], found.normals[first:]
 
@@ -96,13 +97,13 @@ def _outer_plane(triangles: Floats, spacing: float) -> tuple[Floats, Floats]:
     return corners[np.argsort(-(corners @ normal), kind="stable")], normal
 
 
-def _missing(layer: OrientedLayer, corners: Floats, normal: Floats) -> Floats:
-    """Places (M, 3) in the plane through the first corner of a lid where a surface is missing, a spacing apart."""
-    spacing = layer.spacing
+def _with_cap(layer: OrientedLayer, corners: Floats, normal: Floats, spacing: float) -> OrientedLayer:
+    """The layer with samples in the plane through the first corner of a lid, where a surface is missing."""
     across = np.linalg.svd(normal[None])[2][1:]
     rim = (corners - corners[0]) @ across.T
-    ticks = [np.arange(low, high + spacing, spacing) for low, high in zip(rim.min(0), rim.max(0), strict=True)]
+    step = max(spacing, math.sqrt(float(np.ptp(rim, axis=0).prod()) / _MOST))
+    ticks = [np.arange(low, high + step, step) for low, high in zip(rim.min(0), rim.max(0), strict=True)]
     places = corners[0] + np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2) @ across
     places = places[cKDTree(layer.points).query(places)[0] > _FREE * spacing]
     winding = layer.winding_numbers(places)
-    return places[(winding > _INSIDE) & (winding < 1 - _INSIDE)]
+    return layer.joined(places[(winding > _INSIDE) & (winding < 1 - _INSIDE)], normal, step)

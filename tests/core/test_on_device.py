@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
 
 import topokit as tk
 from topokit.core.linalg import eigenvector_by_rotations
@@ -41,6 +42,27 @@ def test_no_look_at_the_device_forward_or_backward(question, with_normals: bool,
     assert len(visits) == 0, str(visits)
     assert points.grad is not None
     assert points.grad.isfinite().all()
+
+
+class Operations(TorchDispatchMode):
+    """How many operations ran."""
+
+    count = 0
+
+    def __torch_dispatch__(self, operation, types, args=(), kwargs=None):  # type: ignore[no-untyped-def]
+        self.count += 1
+        return operation(*args, **(kwargs or {}))
+
+
+def test_a_field_takes_as_many_operations_whatever_its_size() -> None:
+    loss, counts = tk.losses.EulerLoss(2), []
+    for size in (16, 72):  # parts that fit the cache would be five
+        field = torch.randn(size, size, size, dtype=torch.float64, requires_grad=True)
+        with as_on_accelerator(), count_host_visits() as visits, Operations() as operations:
+            loss(field, 0.5).backward()
+        assert len(visits) == 0, str(visits)
+        counts.append(operations.count)
+    assert counts[0] == counts[1]
 
 
 def test_all_work_is_done_where_the_samples_are() -> None:

@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 from torch.nn.functional import pad
 
+from topokit.core.residence import stays_on_device
 from topokit.errors import InputError
 
 Compare = Callable[[Tensor, Tensor], Tensor]
@@ -46,6 +47,7 @@ _AXES = (-1, -2, -3)  # in this order ties are broken lexicographically
 _WIDER = {torch.uint16: torch.int32, torch.uint32: torch.int64}
 _SLAB = 1 << 20  # bytes of the field handled at a time: small enough for the cache, large enough to hide a call's cost
 _COUNT_SLAB = 1 << 22  # the same for the exact count, whose calls are cheaper
+_DEVICE_SLAB = 1 << 26  # the same on accelerators, where each call costs more than a small slab
 
 
 def check_connectivity(connectivity: int) -> int:
@@ -251,4 +253,5 @@ def _slabs(field: Tensor, size: int) -> Iterator[tuple[int, int]]:
 
 def _slab_layers(field: Tensor, size: int) -> int:
     """Layers of `size` bytes together, but at least 16, as slabs overlap, and at most 252, as bytes count them."""
+    size = max(size, _DEVICE_SLAB) if stays_on_device(field) else size
     return min(max(size * field.shape[-3] // max(field.nbytes, 1), 16), 252)

@@ -46,6 +46,7 @@ from topokit.report.verdict import (
     without_doubts,
 )
 
+_SUPPLIED = 0.5  # share of the samples missing from holes that caps must supply, and another round of caps once more
 _FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
 
@@ -180,12 +181,14 @@ class Examination:
         corners = points.cpu().double().numpy()[witness.surface.points[witness.surface.faces]]
         holes = [corners[patch.facets] for patch in covers]
         caps, directions = planar_caps(self._outward_layer(witness), holes)
+        if len(caps) < _SUPPLIED * missing_samples(witness):
+            return None  # most holes are not flat
         normals = torch.from_numpy(np.concatenate((witness.normals, directions))).to(points)
         samples = SurfaceSamples(torch.cat((points, torch.from_numpy(caps).to(points))), normals)
         found = Examination(samples, known_closed=False)
         if not is_open(found.part.boundary, found.witness):
             return found
-        is_better = missing_samples(found.witness) < 0.5 * missing_samples(witness)
+        is_better = missing_samples(found.witness) < (1 - _SUPPLIED) * missing_samples(witness)
         return found.capped if is_better else None
 
     def _outward_layer(self, witness: Witness) -> OrientedLayer:

@@ -72,21 +72,20 @@ def planar_caps(layer: OrientedLayer, lids: Iterable[Floats]) -> tuple[Floats, F
     """
     found = layer
     for triangles in lids:
-        corners, normal = _outer_plane(triangles, layer.spacing)
-        found = _with_cap(found, corners, normal, layer.spacing)
+        corners = np.unique(triangles.reshape(-1, 3), axis=0)
+        found = _with_cap(found, corners, _outward(triangles, corners, layer.spacing), layer.spacing)
     first = len(layer.points)
     return found.points[first:], found.normals[first:]
 
 
-def _outer_plane(triangles: Floats, spacing: float) -> tuple[Floats, Floats]:
-    """The corners (N, 3) of a lid, the outermost first, and the outward normal (3,) of the plane that supports them.
+def _outward(triangles: Floats, corners: Floats, spacing: float) -> Floats:
+    """The outward normal (3,) of the plane that supports a lid, of which the corners (N, 3) are given, too.
 
     The vector area of a lid depends on its rim alone. The plane is fitted again to the corners that are near it.
     """
-    corners = np.unique(triangles.reshape(-1, 3), axis=0)
     a, b, c = triangles.swapaxes(0, 1)
-    outward = np.cross(b - a, c - a).sum(0)
-    normal = outward / max(float(np.linalg.norm(outward)), np.finfo(float).tiny)
+    area = np.cross(b - a, c - a).sum(0)
+    normal: Floats = area / max(float(np.linalg.norm(area)), np.finfo(float).tiny)
     for _ in range(_FITS):
         heights = corners @ normal
         near = corners[heights > heights.max() - _NEAR * spacing]
@@ -94,16 +93,16 @@ def _outer_plane(triangles: Floats, spacing: float) -> tuple[Floats, Floats]:
             break
         axis = np.linalg.svd(near - near.mean(0), full_matrices=False)[2][2]
         normal = axis if axis @ normal > 0 else -axis
-    return corners[np.argsort(-(corners @ normal), kind="stable")], normal
+    return normal
 
 
 def _with_cap(layer: OrientedLayer, corners: Floats, normal: Floats, spacing: float) -> OrientedLayer:
-    """The layer with samples in the plane through the first corner of a lid, where a surface is missing."""
-    across = np.linalg.svd(normal[None])[2][1:]
-    rim = (corners - corners[0]) @ across.T
+    """The layer with samples in the plane through the outermost corner of a lid, where a surface is missing."""
+    across, place = np.linalg.svd(normal[None])[2][1:], corners[(corners @ normal).argmax()]
+    rim = (corners - place) @ across.T
     step = max(spacing, math.sqrt(float(np.ptp(rim, axis=0).prod()) / _MOST))
     ticks = [np.arange(low, high + step, step) for low, high in zip(rim.min(0), rim.max(0), strict=True)]
-    places = corners[0] + np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2) @ across
+    places = place + np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2) @ across
     places = places[cKDTree(layer.points).query(places)[0] > _FREE * spacing]
     winding = layer.winding_numbers(places)
     return layer.joined(places[(winding > _INSIDE) & (winding < 1 - _INSIDE)], normal, step)

@@ -6,8 +6,8 @@ from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.links import completed
 from topokit.core.blocks.planes import root_of
-from topokit.core.homotopy.growth import Nodes, code_at
-from topokit.core.homotopy.simple_points import Counts, Indices, touching
+from topokit.core.homotopy.growth import Nodes
+from topokit.core.homotopy.simple_points import Counts, Indices, code_at, touching
 
 
 @compiled

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, n_touching, touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, is_simple_in, n_touching, touching
 
 Ranks = NDArray[np.int32]
 Nodes = NDArray[np.int32]
@@ -78,8 +78,7 @@ def _is_simple(code: int, connectivity: int, known: Integers) -> bool:
     code &= _AROUND
     place = code * _SPREAD >> 27 & (_KNOWN - 1)
     if known[place] >> 1 != code:
-        is_simple = n_touching(code, connectivity) == 1 and n_touching(~code & 0x7FFFFFF, 32 - connectivity) == 1
-        known[place] = code << 1 | is_simple
+        known[place] = code << 1 | is_simple_in(code, connectivity)
     return bool(known[place] & 1)
 
 
@@ -90,15 +89,6 @@ def first_bit(code: int) -> int:
     while not code >> bit & 1:
         bit += 1
     return bit
-
-
-@compiled
-def code_at(inside: Counts, voxel: int, around: Integers) -> int:
-    """The neighborhood of a voxel as a code of 27 bits."""
-    code = 0
-    for bit in range(27):
-        code |= int(inside[voxel + around[bit]]) << bit
-    return code
 
 
 @compiled

@@ -19,8 +19,8 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.grid.euler import dual_connectivity
 from topokit.core.homotopy.bits import Bits, packed, voxels_of, widened
-from topokit.core.homotopy.growth import code_at, strides_around
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, n_touching
+from topokit.core.homotopy.growth import strides_around
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, n_touching
 
 _HALF = 0.87  # voxels from a center to the corners
 _EQUAL = 0.3  # voxels by which they are as near

@@ -149,7 +149,7 @@ def _count_all(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
 def _codes(inside: NDArray[np.uint8], at: Indices, around: Indices) -> Codes:
     codes = np.empty(len(at), dtype=np.int32)
     for row in range(len(at)):
-        codes[row] = _code(inside, at[row], around)
+        codes[row] = code_at(inside, at[row], around)
     return codes
 
 
@@ -165,27 +165,30 @@ def _all_simple(codes: Codes, connectivities: tuple[int, int]) -> Booleans:
 def _flip_simple(inside: NDArray[np.uint8], at: Indices, around: Indices, both: tuple[int, int]) -> Booleans:
     flipped = np.zeros(len(at), dtype=np.bool_)
     for row in range(len(at)):
-        if _is_simple(_code(inside, at[row], around), both):
+        if _is_simple(code_at(inside, at[row], around), both):
             inside[at[row]] ^= 1
             flipped[row] = True
     return flipped
 
 
 @compiled
-def _code(inside: NDArray[np.uint8], at: int, around: Indices) -> int:
+def code_at(inside: Counts | NDArray[np.uint8], voxel: int, around: Indices) -> int:
+    """The neighborhood of a voxel as a code of 27 bits."""
     code = 0
     for bit in range(27):
-        code |= int(inside[at + around[bit]]) << bit
+        code |= int(inside[voxel + around[bit]]) << bit
     return code
 
 
 @compiled
+def is_simple_in(code: int, connectivity: int) -> bool:
+    """Whether a voxel with some neighborhood is simple in one connectivity, 6 or 26."""
+    return bool(n_touching(code, connectivity) == 1 and n_touching(_ALL & ~code, 32 - connectivity) == 1)
+
+
+@compiled
 def _is_simple(code: int, both: tuple[int, int]) -> bool:
-    for number in range(1 if both[0] == both[1] else 2):
-        connectivity = both[number]
-        if n_touching(code, connectivity) != 1 or n_touching(_ALL & ~code, 32 - connectivity) != 1:
-            return False
-    return True
+    return bool(is_simple_in(code, both[0]) and (both[0] == both[1] or is_simple_in(code, both[1])))
 
 
 @compiled

@@ -11,9 +11,9 @@ import numpy as np
 from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import root_of
-from topokit.core.homotopy.growth import Nodes, code_at, first_bit, strides_around
+from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
 from topokit.core.homotopy.runs import ELSEWHERE, labeled
-from topokit.core.homotopy.simple_points import Counts, Indices, component, touching
+from topokit.core.homotopy.simple_points import Counts, Indices, code_at, component, touching
 
 
 class Zone:

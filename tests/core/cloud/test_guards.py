@@ -17,6 +17,7 @@ from topokit.testing import sphere_samples, torus_samples
 
 N_POINTS = 12_000
 SETTINGS = GuardSettings()
+PROBES = CloudSettings().sampling.probes
 
 
 def random_ball(n_points: int = N_POINTS) -> np.ndarray:
@@ -55,21 +56,21 @@ def surfaces() -> dict[str, np.ndarray]:
 def test_blobs_fill_space(name: str) -> None:
     points = blobs()[name]
     with pytest.raises(InputError, match=f"{len(points)} points fill space"):
-        refuse_filled_space(points, SETTINGS)
+        refuse_filled_space(points, PROBES, SETTINGS)
 
 
 @pytest.mark.parametrize("name", surfaces())
 def test_surfaces_do_not(name: str) -> None:
-    assert least_roundness(surfaces()[name], SETTINGS) < 0.45
-    refuse_filled_space(surfaces()[name], SETTINGS)
+    assert least_roundness(surfaces()[name], PROBES, SETTINGS) < 0.45
+    refuse_filled_space(surfaces()[name], PROBES, SETTINGS)
 
 
 def test_few_points_are_never_refused() -> None:
     points = random_ball(3000)
-    refuse_filled_space(points, SETTINGS)
+    refuse_filled_space(points, PROBES, SETTINGS)
     few = GuardSettings(fewest_in_space=3000)
     with pytest.raises(InputError, match="3000"):
-        refuse_filled_space(points, few)
+        refuse_filled_space(points, PROBES, few)
     with pytest.raises(InputError, match="3000"):
         global_witness(torch.from_numpy(points), settings=CloudSettings(guards=few))
 
@@ -77,7 +78,9 @@ def test_few_points_are_never_refused() -> None:
 def test_the_order_of_the_points_hardly_matters() -> None:
     points = surfaces()["torus with noise of two spacings"]
     along = points[np.lexsort(points.T)]
-    assert least_roundness(along, SETTINGS) == pytest.approx(least_roundness(points, SETTINGS), abs=0.05)
+    assert least_roundness(along, PROBES, SETTINGS) == pytest.approx(
+        least_roundness(points, PROBES, SETTINGS), abs=0.05
+    )
 
 
 def test_the_report_of_a_blob_says_why_there_is_no_solid() -> None:

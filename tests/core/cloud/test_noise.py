@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from topokit.core.cloud.noise import averaged, noise_level
+from topokit.core.cloud.noise import averaged, noise_of
 from topokit.core.cloud.normals.patches import Patches, patches_of
 from topokit.core.cloud.settings import CloudSettings, SamplingSettings
 from topokit.core.cloud.witness import global_witness
@@ -29,6 +29,12 @@ def around(points: Floats) -> Patches:
     return patches_of(points, SETTINGS.patches)
 
 
+def level(points: Floats) -> float:
+    found = noise_of(around(points), SETTINGS)
+    assert found is not None
+    return found.level
+
+
 def distance(shape: str, points: Floats) -> Floats:
     """Signed distance of points from the sphere or torus."""
     if shape == "sphere":
@@ -47,28 +53,20 @@ def distance(shape: str, points: Floats) -> Floats:
 )
 def test_the_noise_is_measured(shape: str, n_points: int, sigma: float) -> None:
     """From a quarter of the spacing to twice as much."""
-    found = noise_level(around(noisy(shape, n_points, sigma)), CloudSettings())
-    assert found == pytest.approx(sigma, rel=0.16)
+    assert level(noisy(shape, n_points, sigma)) == pytest.approx(sigma, rel=0.16)
 
 
 def test_the_noise_has_the_unit_of_the_points() -> None:
     points = noisy("sphere", 1500, 0.08)
-    plain, scaled = (noise_level(around(cloud), CloudSettings()) for cloud in (points, 1000 * points + 7))
-    assert plain is not None
-    assert scaled == pytest.approx(1000 * plain, rel=1e-6)
-
-
-@pytest.mark.parametrize("thickness", [10, pytest.param(40, marks=pytest.mark.long)])
-def test_the_thickness_of_walls_is_no_noise(thickness: float) -> None:
-    """Neighborhoods wider than a wall have its thickness, whatever their size."""
-    draws, sigma = np.random.default_rng(0), 0.01
-    points = np.append(draws.uniform(-1, 1, (40_000, 2)), draws.choice([-0.5, 0.5], (40_000, 1)), axis=1)
-    noisy_points = points * [1, 1, thickness * sigma] + sigma * draws.normal(size=points.shape)  # a spacing
-    assert noise_level(around(noisy_points), CloudSettings()) == pytest.approx(sigma, rel=0.2)
+    assert level(1000 * points + 7) == pytest.approx(1000 * level(points), rel=1e-6)
 
 
 def test_few_points_have_neighborhoods_of_fewer_sizes() -> None:
-    assert noise_level(around(noisy("sphere", 400, 0.1)), CloudSettings()) == pytest.approx(0.1, rel=0.5)
+    assert level(noisy("sphere", 400, 0.1)) == pytest.approx(0.1, rel=0.5)
+
+
+def test_a_surface_that_bends_has_no_noise() -> None:
+    assert noise_of(around(noisy("sphere", 3000, 0.0)), SETTINGS) is None
 
 
 @pytest.mark.parametrize("n_points", [3000, 40_000])
@@ -77,11 +75,19 @@ def test_clean_clouds_are_left_alone(n_points: int) -> None:
     assert averaged(around(noisy("sphere", n_points, 0.1 * (4 * np.pi / n_points) ** 0.5)), SETTINGS) is None
 
 
-def test_small_clouds_are_left_alone() -> None:
-    points = noisy("sphere", 5000, 0.05)  # a spacing
-    large = CloudSettings(sampling=SamplingSettings(whole=4000, samples=3000))
-    assert averaged(around(points), SETTINGS) is None
-    assert averaged(around(points), large) is not None
+def test_noise_is_averaged_if_samples_apart_by_it_are_fewer_or_if_not_all_points_are_used() -> None:
+    little, large = noisy("sphere", 5000, 0.025), noisy("sphere", 5000, 0.05)  # half a spacing and one
+    fewer = CloudSettings(sampling=SamplingSettings(whole=4000, samples=3000))
+    assert averaged(around(little), SETTINGS) is None
+    assert averaged(around(little), fewer) is not None
+    assert averaged(around(large), SETTINGS) is not None
+
+
+def test_two_sheets_close_together_are_no_noise() -> None:
+    points = sphere_samples(5000).points.numpy()
+    two = np.concatenate((points, 0.95 * sphere_samples(4500).points.numpy()))  # a spacing apart
+    assert around(two).roughness > SETTINGS.signs.dense_roughness
+    assert averaged(around(two), SETTINGS) is None
 
 
 @pytest.mark.parametrize(

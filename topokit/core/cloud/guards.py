@@ -56,36 +56,42 @@ def is_flat(points: Floats) -> bool:
     return bool(variance[0] <= _FLAT**2 * variance[2])
 
 
-def refuse_filled_space(points: Floats, settings: GuardSettings) -> None:
+def refuse_filled_space(points: Floats, probes: int, settings: GuardSettings) -> None:
     """Refuse points (N, 3) whose neighborhoods are round at all scales: a blob, a lattice or plain noise.
 
     Around a point of a surface the neighbors lie near a plane. On a noisy surface this shows only in neighborhoods
     wider than the noise, on one with many thin walls only in small ones. With few points noise, walls and space cannot
     be told apart.
 
+    Args:
+        points: as above.
+        probes: number of neighborhoods of each size.
+        settings: of the limits.
+
     Raises:
         InputError: if at least 10 000 points fill space.
     """
-    if len(points) >= settings.fewest_in_space and least_roundness(points, settings) > settings.round:
+    if len(points) >= settings.fewest_in_space and least_roundness(points, probes, settings) > settings.round:
         raise InputError(
             f"the {len(points)} points fill space: neighborhoods of all sizes are as thick as they are wide, so they "
             "lie on no surface."
         )
 
 
-def least_roundness(points: Floats, settings: GuardSettings) -> float:
+def least_roundness(points: Floats, probes: int, settings: GuardSettings) -> float:
     """The median ratio of the smallest to the largest extent of neighborhoods (N, 3), at the scale where it is least.
 
     The extents are standard deviations along the principal axes: 0 in a plane, 1 in a large ball.
     """
     order = np.random.default_rng(0).permutation(len(points))
+    thinner = settings.round_sizes[-1] // settings.round_sizes[0]  # the next copy's neighborhoods are the next larger
     found = [1.0]
-    while len(order) >= settings.smallest_copy:
+    while len(order) >= probes:
         copy = points[order]
         tree = cKDTree(copy, balanced_tree=False, compact_nodes=False)
-        nearest = tree.query(copy[: settings.smallest_copy], settings.round_sizes[-1])[1]
+        nearest = tree.query(copy[:probes], settings.round_sizes[-1])[1]
         found += [_median_roundness(copy[nearest[:, :size]]) for size in settings.round_sizes]
-        order = order[: len(order) // settings.thinner]
+        order = order[: len(order) // thinner]
     return min(found)
 
 

@@ -6,20 +6,34 @@ they are wide, larger ones bend. Samples nearer to each other than the noise onl
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
+from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import Patches, in_blocks, plane_axes
 from topokit.core.cloud.sampling.downsampling import downsample
 from topokit.core.cloud.settings import CloudSettings
 
+_ROUNDS = 4  # of moving samples: those far off the surface have neighbors on one side of it; more gain nothing
+
+
+class Noise(NamedTuple):
+    """The noise of a cloud: its standard deviation, and the number of neighbors from which it was measured."""
+
+    level: float
+    neighbors: int
+
 
 def averaged(patches: Patches, settings: CloudSettings) -> tuple[Floats, Integers, Integers] | None:
-    """Evenly spread points of a large noisy cloud, moved onto planes through its points; None if there is no need.
+    """Evenly spread points of a noisy cloud, moved onto planes through its points; None if there is no need.
 
-    All points of a small cloud are used where they are: there are too few to average.
+    There is none if samples two standard deviations apart would not be fewer, or if points are off their planes because
+    two sheets are close together.
 
     Args:
         patches: neighborhoods of N points.
@@ -29,26 +43,30 @@ def averaged(patches: Patches, settings: CloudSettings) -> tuple[Floats, Integer
         Positions (M, 3), the indices (M,) of these points, and for every point (N,) the one that stands for it.
     """
     points, own = patches.points, settings.noise
-    if len(points) <= settings.sampling.whole or patches.roughness <= settings.signs.dense_roughness:
+    noise = None if patches.roughness <= settings.signs.dense_roughness else noise_of(patches, settings)
+    if noise is None or _is_double(patches, noise.neighbors, settings):
         return None
-    radius = own.reach * noise_level(patches, settings)
+    radius = own.reach * noise.level
     within = float(np.median(patches.tree.query_ball_point(_probes(points, settings), radius, return_length=True)))
     n_apart = len(points) / within * (own.reach / own.apart) ** 2 * np.pi
     budget = int(np.clip(n_apart, FEWEST_POINTS, settings.sampling.whole))
+    if budget >= len(points):
+        return None
     kept, owner = downsample(points, budget, "even")
     n_neighbors = int(np.clip(within, own.sizes[0], own.sizes[-1]))
     moved = points[kept]
-    for _ in range(2):  # the second one starts nearer to the surface
+    for _ in range(_ROUNDS):
         moved = _on_planes(moved, patches.tree, n_neighbors)
     return moved, kept, owner
 
 
-def noise_level(patches: Patches, settings: CloudSettings) -> float:
-    """Standard deviation of noisy points from their surface: the thickness of neighborhoods before it grows faster.
+def noise_of(patches: Patches, settings: CloudSettings) -> Noise | None:
+    """The distances of noisy points from their surface: the thickness of neighborhoods before it grows faster.
 
-    Small neighborhoods are the thicker the wider they are, until they are as thick as the noise; wide ones bend or
-    reach the other side of a wall. The noise must be larger than about a third of the spacing: neighborhoods of clean
-    points are as thick as they bend.
+    Neighborhoods smaller than the noise are the thicker the wider they are. Those larger than it are as thick as it,
+    until they are so wide that they bend or reach the other side of a wall. None if thickness grows as fast as the
+    radius from the start: then the surface bends by more than its points are noisy. The noise must be larger than about
+    a third of the spacing.
     """
     points = patches.points
     centers, sizes = _probes(points, settings), [size for size in settings.noise.sizes if size <= len(points)]
@@ -58,7 +76,13 @@ def noise_level(patches: Patches, settings: CloudSettings) -> float:
     radius = np.log([np.median(distance[:, size - 1]) for size in sizes])
     growth = np.diff(thickness) / np.diff(radius)
     faster = np.flatnonzero(np.diff(growth) > 0)
-    return float(np.exp(thickness[faster[0] if len(faster) else len(growth) - 1]))
+    at = faster[0] if len(faster) else len(growth) - 1
+    return Noise(float(np.exp(thickness[at])), sizes[at]) if growth[at] < 1 else None
+
+
+def _is_double(patches: Patches, neighbors: int, settings: CloudSettings) -> bool:
+    own = replace(settings.doubles, neighbors=max(neighbors, settings.doubles.neighbors))
+    return double_share(patches, settings.sampling.probes, own) > own.share
 
 
 def _probes(points: Floats, settings: CloudSettings) -> Floats:

@@ -45,8 +45,6 @@ class GuardSettings:
     round_sizes: tuple[int, ...] = _number(
         (16, 32, 64, 128), "neighbors", "of neighborhoods whose roundness counts", REAL
     )
-    thinner: int = _number(8, "ratio", "points of a copy of the cloud over those of the next", COST)
-    smallest_copy: int = _number(1000, "points", "of the thinnest copy", REAL)
 
 
 @dataclass(frozen=True)
@@ -85,6 +83,13 @@ class DoubleSettings:
         "of heights above a quadric below that of Gaussian noise, at least",
         "spheres with noise of 0.2 to 1 spacing: at most 0.6 % of the neighborhoods; two spheres 0.5 to 2 spacings "
         "apart: 80 to 100 % without noise, 10 to 90 % with noise of 0.2 to 0.4 spacings",
+    )
+    share: float = _number(
+        0.1,
+        "share of neighborhoods",
+        "with two peaks, beyond which points off their plane are two sheets and no noise",
+        "closed real meshes with noise of 0.5 to 1 % of their size: at most 0.09; with walls of 0.3 to 2 spacings and "
+        "less noise than a quarter of these: at least 0.17",
     )
 
 
@@ -187,7 +192,10 @@ class SamplingSettings:
         "least 0.92",
     )
     probes: int = _number(
-        1000, "points", "at which groups of points, noise, thin walls and double sheets are looked for", COST
+        1000,
+        "points",
+        "at which filled space, groups of points, noise, thin walls and double sheets are looked for",
+        COST,
     )
     boundary_points: int = _number(50_000, "points", "on which boundaries are looked for and curvature is summed", COST)
 

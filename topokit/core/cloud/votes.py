@@ -208,7 +208,7 @@ def sample_quality(cloud: OrientedCloud, patches: Patches, cut: Cut, settings: C
         roughness=patches.thickness / cloud.local.spacing,
         crowded_wide=crowded_share(patches, cloud.normals, cloud.areas, cloud.samples.kept, quality.feature, settings),
         crowded_boundary=crowded_share(patches, cloud.normals, cloud.areas, few, coarser, settings),
-        double=double_share(patches, cloud.normals, sampling.probes, settings.doubles),
+        double=double_share(patches, sampling.probes, settings.doubles, cloud.normals),
     )
 
 

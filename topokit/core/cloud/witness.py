@@ -53,10 +53,11 @@ def global_witness(
 ) -> Witness:
     """The global evidence about a cloud's closed surface.
 
-    Normals and their signs are found at full density (of more than two million points, at two million). Of more than
-    30 000 points, 20 000 samples are then taken where features are small, or, if the noise is larger than the spacing,
-    evenly. Minimum cuts of Delaunay tetrahedra of the samples and winding-number fields vote; where votes differ, more,
-    shifted or smoothed samples are examined. Runs on the CPU, is deterministic, and is not differentiable.
+    Where the noise is larger than about half the spacing, fewer, evenly spread points are moved onto the planes of
+    their neighborhoods and stand for all. Normals and their signs are found at full density (of more than two million
+    points, at two million). Of more than 30 000 points, 20 000 samples are then taken where features are small. Minimum
+    cuts of Delaunay tetrahedra of the samples and winding-number fields vote; where votes differ, more, shifted or
+    smoothed samples are examined. Runs on the CPU, is deterministic, and is not differentiable.
 
     Args:
         points: (N, 3) samples of a surface, any float dtype and device.
@@ -82,7 +83,7 @@ def global_witness(
             entry = entry.represented(*groups)
             patches = patches_of(entry.cloud.points, settings.patches)
         cloud = entry.cloud
-        refuse_filled_space(cloud.points, settings.guards)
+        refuse_filled_space(cloud.points, settings.sampling.probes, settings.guards)
         preparation: Preparation = "whole" if len(cloud.points) <= settings.sampling.whole else "sampled"
         fewer = averaged(patches, settings)
         owner = np.arange(len(cloud.points))

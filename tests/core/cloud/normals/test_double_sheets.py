@@ -23,7 +23,7 @@ def directions() -> Floats:
 
 
 def share(points: Floats, normals: Floats) -> float:
-    return double_share(patches_of(points, SETTINGS.patches), normals, 1_000, SETTINGS.doubles)
+    return double_share(patches_of(points, SETTINGS.patches), 1_000, SETTINGS.doubles, normals)
 
 
 @pytest.mark.parametrize("spacings", [0.0, 0.2, 0.6, 1.0])

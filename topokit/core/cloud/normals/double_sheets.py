@@ -1,4 +1,4 @@
-"""Two sheets that were taken for one: heights above a curved patch that have two peaks although all normals agree.
+"""Two sheets that look like one noisy sheet: heights above a curved patch that have two peaks.
 
 Noise leaves heights with one peak. Where a wall or a gap is thinner than the sample spacing, both sheets may be given
 the same outward direction, and all votes agree on the solid without it. Then the heights of neighbors whose normals
@@ -22,18 +22,22 @@ _TINY = 1e-300  # keeps quotients of lengths finite
 _RIDGE = 1e-9  # of the normal equations, in units of the patch: neighbors may lie on a line
 
 
-def double_share(patches: Patches, normals: Floats, probes: int, settings: DoubleSettings) -> float:
-    """Share of the neighborhoods, from 0 to 1, whose points look like two sheets although their normals agree.
+def double_share(patches: Patches, probes: int, settings: DoubleSettings, outward: Floats | None = None) -> float:
+    """Share of the neighborhoods, from 0 to 1, whose points look like two sheets.
 
     Args:
         patches: neighborhoods of N points, which are in the order of a curve.
-        normals: (N, 3), unit, outward.
         probes: number of neighborhoods, at most.
         settings: of the test.
+        outward: (N, 3), unit normals; neighbors count if theirs agree. All do if normals are not known.
     """
-    at = np.arange(0, len(normals), -(-len(normals) // probes))
-    distance, index = patches.tree.query(patches.points[at], min(settings.neighbors, len(normals)))
-    agree = (np.einsum("nka,na->nk", normals[index], normals[at]) > patches.settings.refit_cosine).astype(np.float64)
+    n_points = len(patches.points)
+    at = np.arange(0, n_points, -(-n_points // probes))
+    distance, index = patches.tree.query(patches.points[at], min(settings.neighbors, n_points))
+    agree = np.ones(index.shape)
+    if outward is not None:
+        cosine = np.einsum("nka,na->nk", outward[index], outward[at])
+        agree = (cosine > patches.settings.refit_cosine).astype(np.float64)
     count = agree.sum(1)
     enough = count >= settings.neighbors / 2
     agree, count = agree[enough], count[enough]

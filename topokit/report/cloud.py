@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
-from topokit.core.arrays import Floats
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent, genus_of
@@ -82,7 +80,7 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         checks = with_opacity(checks, seen, witness)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if witness.has_genus else None
-    components = _solid_components(found.samples.points, witness) or _cloud_components(found)
+    components = _solid_components(found, witness) or _cloud_components(found)
     deciding, others = check_sentences(checks, witness, seen)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
     report = _report(
@@ -288,13 +286,11 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
     return tuple(sorted(components, key=lambda component: -component.area_share))
 
 
-def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
+def _solid_components(found: Examination, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
-    surface = witness.surface
-    if surface is None or len(surface.faces) == 0:
+    if found.surface is None:
         return ()
-    vertices: Floats = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
-    topology = mesh_topology(vertices, surface.faces)
+    topology = mesh_topology(found.surface.vertices, found.surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.caps import OrientedLayer, planar_caps
 from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
@@ -28,6 +29,7 @@ from topokit.core.neighbors import first_neighbors, nearest_neighbors
 from topokit.core.opacity.solid import OpacityReading, ReadOpacity
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, TopokitError
 from topokit.report.doubts import cloud_doubts
 from topokit.report.progress import progress_bar
@@ -172,14 +174,26 @@ class Examination:
         return found if isinstance(found, Witness) else None
 
     @cached_property
+    def surface(self) -> TriangleSurface | None:
+        """The closed surface of the witness, whose vertices are samples, facing outward; None if there is none."""
+        surface = None if self.witness is None else self.witness.surface
+        if surface is None or len(surface.faces) == 0:
+            return None
+        return TriangleSurface(self.positions(surface.points), surface.faces)
+
+    def positions(self, rows: Integers) -> Floats:
+        """Samples (M, 3) by their indices, in double precision."""
+        found: Floats = self.samples.points.detach().cpu()[torch.from_numpy(rows)].double().numpy()
+        return found
+
+    @cached_property
     def capped(self) -> Examination | None:
         """The measurements with planar caps over the holes of a solid; None without holes, or if caps leave it open."""
-        witness, points = self.witness, self.samples.points
+        witness, surface, points = self.witness, self.surface, self.samples.points
         covers = lids(witness)
-        if witness is None or witness.surface is None or not covers or not is_mostly_seen(witness):
+        if witness is None or surface is None or not covers or not is_mostly_seen(witness):
             return None
-        corners = points.cpu().double().numpy()[witness.surface.points[witness.surface.faces]]
-        holes = [corners[patch.facets] for patch in covers]
+        holes = [surface.vertices[surface.faces[patch.facets]] for patch in covers]
         caps, directions = planar_caps(self._outward_layer(witness), holes)
         if len(caps) < _SUPPLIED * missing_samples(witness):
             return None  # most holes are not flat
@@ -204,7 +218,9 @@ class Examination:
     @cached_property
     def _doubts_or_refusal(self) -> tuple[NarrowPlace, ...] | TopokitError:
         try:
-            return cloud_doubts(self.witness, self.samples.points.cpu().double().numpy())
+            if self.witness is None or self.surface is None:
+                raise InputError("no closed surface was found.")
+            return cloud_doubts(self.witness, self.surface, self.positions(self.witness.missed))
         except TopokitError as refusal:
             return refusal
 

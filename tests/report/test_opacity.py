@@ -26,11 +26,25 @@ READING = OpacityReading(
 )
 
 
+class Read:
+    """A scene of which the reading is known; it notes for which widths it is asked."""
+
+    def __init__(self, reading: OpacityReading | None) -> None:
+        self.reading, self.asked = reading, []
+
+    def read(self, finer_than: float | None) -> OpacityReading | None:
+        self.asked.append(finer_than)
+        return self.reading
+
+    def smoothed_euler(self) -> None:
+        """No graph."""
+
+
 def shape_of(count: int, seed: int, reading: OpacityReading | None) -> tk.Shape:
     """Random samples of a surface of genus 3."""
     points, _ = trimesh.sample.sample_surface(MESH, count, seed=seed)
     samples = SurfaceSamples(torch.from_numpy(points.copy()), oriented=False)
-    return tk.Shape(samples, opacity=lambda finer_than: reading)
+    return tk.Shape(samples, opacity=Read(reading))
 
 
 @pytest.fixture(scope="module")
@@ -98,21 +112,17 @@ def dense() -> SurfaceSamples:
 
 
 def test_where_samples_suffice_opacity_is_asked_for_finer_features_only(dense: SurfaceSamples) -> None:
-    asked: list[float | None] = []
-
-    def ask(finer_than: float | None) -> None:
-        asked.append(finer_than)
-
-    report = tk.Shape(dense, opacity=ask).report()
+    scene = Read(None)
+    report = tk.Shape(dense, opacity=scene).report()
     assert (report.euler, report.verdict) == (-4, "likely")
-    assert asked == [pytest.approx(0.65 * report.resolution)]
+    assert scene.asked == [pytest.approx(0.65 * report.resolution)]
 
 
 def test_a_likely_integer_is_unsure_if_finer_readings_contradict_it(dense: SurfaceSamples) -> None:
     other = replace(READING, eulers=(-2,) * 13 + (-4,) * 3, euler=-2, share=13 / 16)
 
     def verdict_with(reading: OpacityReading) -> tuple[int | None, str]:
-        report = tk.Shape(dense, opacity=lambda finer_than: reading).report()
+        report = tk.Shape(dense, opacity=Read(reading)).report()
         return report.euler, report.verdict
 
     assert verdict_with(replace(READING, resolution=0.01)) == (-4, "likely")

@@ -26,7 +26,8 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, Curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
-from topokit.core.opacity.solid import OpacityReading, ReadOpacity
+from topokit.core.opacity.scene import AbsorbingScene
+from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.core.surface import TriangleSurface
@@ -64,17 +65,16 @@ class Examination:
         *,
         known_closed: bool,
         neighbors: Callable[[], Tensor] | None = None,
-        opacity: ReadOpacity | None = None,
+        opacity: AbsorbingScene | None = None,
     ) -> None:
         """
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
             neighbors: returns what `neighbors` would find, if that is known already.
-            opacity: reads the solid that cannot be seen into, where the samples come with opacities; see
-                `ReadOpacity`.
+            opacity: the scene that absorbs light, if the samples are of one.
         """
-        self._read_opacity = opacity
+        self._scene = opacity
         self.samples = samples
         self._known_closed = known_closed
         self._find_neighbors = neighbors or self._search
@@ -252,10 +252,10 @@ class Examination:
     def opacity(self) -> OpacityReading | None:
         """The solid that cannot be seen into, looked for where samples are unsure or may be too coarse."""
         witness = self.witness
-        if self._read_opacity is None or witness is None or witness.wire is not None or not self.checks:
+        if self._scene is None or witness is None or witness.wire is not None or not self.checks:
             return None
         is_unsure = cloud_verdict(self.checks) == "unsure"
-        return self._read_opacity(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
+        return self._scene.read(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
 
     @property
     def opaque(self) -> OpacityReading | None:
@@ -263,6 +263,10 @@ class Examination:
         seen, witness = self.opacity, self.witness
         is_better = seen is not None and witness is not None and opacity_decides(seen, witness)
         return seen if is_better else None
+
+    def smoothed_opaque_euler(self) -> Tensor | None:
+        """χ_τ of that solid, differentiable; None if the integer is not its own, or there is no graph."""
+        return None if self._scene is None or self.opaque is None else self._scene.smoothed_euler()
 
     @property
     def refusal(self) -> InputError | None:

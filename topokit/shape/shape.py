@@ -16,7 +16,7 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
-from topokit.core.opacity.solid import ReadOpacity
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
@@ -62,7 +62,8 @@ class Shape:
         defects: finds faults; gets whether to look for self-intersections, too.
         bounded: proves the topology of a function's level set by bounds.
         curve: counts the solids over all levels, given the levels of `euler_curve`, if the shape has no field.
-        opacity: reads the solid that cannot be seen into, which is asked where samples alone are unsure.
+        opacity: the scene that absorbs light, of which the solid that cannot be seen into is asked where samples alone
+            are unsure.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -88,7 +89,7 @@ class Shape:
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
     _bounded: Bounded | None
     _curve: Callable[[Levels], EulerCurve] | None
-    _opacity: ReadOpacity | None
+    _opacity: AbsorbingScene | None
 
     def __init__(
         self,
@@ -99,7 +100,7 @@ class Shape:
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
         bounded: Bounded | None = None,
         curve: Callable[[Levels], EulerCurve] | None = None,
-        opacity: ReadOpacity | None = None,
+        opacity: AbsorbingScene | None = None,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,

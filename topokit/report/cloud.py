@@ -19,6 +19,7 @@ from topokit.report.cloud_wording import (
     cap_sentences,
     check_sentences,
     confidence_sentences,
+    floater_sentence,
     opaque_sentence,
     open_sentences,
     outlier_sentences,
@@ -42,7 +43,9 @@ from topokit.report.wording import position
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 
 
-def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: str | None = None) -> TopologyReport:
+def cloud_report(
+    name: str, notes: tuple[str, ...], found: Examination, advice: str | None = None, left_out: float = 0.0
+) -> TopologyReport:
     """The report of samples.
 
     Args:
@@ -50,6 +53,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
         notes: sentences about what was found or changed while opening it.
         found: the measurements.
         advice: what helps where these are unsure, if the representation knows better than the samples.
+        left_out: width of the widest part that was taken for a floater and is not in the samples.
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
@@ -60,6 +64,7 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
     else:
         report = _closed_report(found, witness)
     votes = vote_evidence(witness) if witness is not None else ()
+    report = _with_left_out(report, left_out)
     deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, found.part.estimate_seconds)
     return replace(
@@ -70,6 +75,15 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
         estimate=estimate.value,
         advice=advice or report.advice,
     )
+
+
+def _with_left_out(report: TopologyReport, width: float) -> TopologyReport:
+    """The report, unsure if a part as wide as its resolution was left out."""
+    if report.resolution is None or width < report.resolution:
+        return report
+    n_failed = report.n_deciding if report.verdict == "unsure" else 0
+    reasons = (floater_sentence(width, report.resolution), *report.reasons)
+    return replace(report, verdict="unsure", reasons=reasons, n_deciding=1 + n_failed)
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:

@@ -250,6 +250,14 @@ def outlier_sentences(n_outliers: int) -> tuple[str, ...]:
     return (f"{what} off the surface, far from {'its' if n_outliers == 1 else 'their'} neighbors, and {was} left out.",)
 
 
+def floater_sentence(width: float, resolution: float) -> str:
+    """That something was dropped which the answer claims to see."""
+    return (
+        f"A cluster {width:.2g} wide was dropped as a floater, though the answer is about parts wider than "
+        f"{resolution:.2g}: min_cluster_share=None counts it, component='largest' leaves it out by choice."
+    )
+
+
 def _numbers(witness: Witness) -> dict[str, object]:
     cuts, fields = values_of(witness.votes, *CUT_FAMILIES), values_of(witness.votes, "field")
     coarse = values_of(witness.votes, "coarse cut")

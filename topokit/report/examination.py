@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.caps import OrientedLayer, planar_caps
+from topokit.core.cloud.caps import OrientedLayer, flat_share, planar_caps
 from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
@@ -49,7 +49,7 @@ from topokit.report.verdict import (
     without_doubts,
 )
 
-_SUPPLIED = 0.5  # share of the samples missing from holes that caps must supply, and another round of caps once more
+_SUPPLIED = 0.5  # share of the samples missing from holes that caps or flat lids must have, and another round once more
 _FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
 
@@ -194,9 +194,11 @@ class Examination:
         if witness is None or surface is None or not covers or not is_mostly_seen(witness):
             return None
         holes = [surface.vertices[surface.faces[patch.facets]] for patch in covers]
-        caps, directions = planar_caps(self._outward_layer(witness), holes)
-        if len(caps) < _SUPPLIED * missing_samples(witness):
-            return None  # most holes are not flat
+        layer = self._outward_layer(witness)
+        caps, directions = planar_caps(layer, holes)
+        flat = sum(patch.missing * flat_share(hole, layer.spacing) for patch, hole in zip(covers, holes, strict=True))
+        if len(caps) == 0 or max(len(caps), flat) < _SUPPLIED * missing_samples(witness):
+            return None  # most holes are not flat; under a ring the lid is flat, but its cap is smaller
         normals = torch.from_numpy(np.concatenate((witness.normals, directions))).to(points)
         samples = SurfaceSamples(torch.cat((points, torch.from_numpy(caps).to(points))), normals)
         found = Examination(samples, known_closed=False)

@@ -72,7 +72,9 @@ def from_splats(
         max_thickness_ratio: splats whose smallest scale exceeds this fraction of their middle scale are dropped: they
             are blobs without a normal. If that is most of the scene, all are kept and normals are estimated from the
             samples.
-        min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
+        min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters). Of all
+            clusters, without a choice among them, the report is unsure if one that was dropped is as wide as its
+            resolution.
         n_samples: None takes one sample near the mean of every splat that is kept. A number of points is spread over
             the discs by area times opacity; gaps between discs then look like holes if there are more than splats.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
@@ -113,6 +115,7 @@ def from_splats(
     return Shape(
         lambda: _samples(kept, n_samples, seed),
         opacity=AbsorbingScene(partial(gaussians_of, solid.splats)),
+        left_out=kept.widest_floater if chosen == "all" else 0.0,
         name=name,
         notes=notes,
         n_neighbors=n_neighbors,

@@ -9,10 +9,12 @@ import torch
 import trimesh
 
 import topokit as tk
+from topokit.adapters.splats.absorption import gaussians_of
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
-from topokit.testing import genus_mesh
+from topokit.testing import genus_mesh, torus_samples
 
 MESH = trimesh.Trimesh(*genus_mesh(3), process=False)
 READING = OpacityReading(
@@ -129,6 +131,38 @@ def test_a_likely_integer_is_unsure_if_finer_readings_contradict_it(dense: Surfa
     assert verdict_with(replace(other, resolution=0.01)) == (-4, "unsure")
     assert verdict_with(replace(other, resolution=1.0)) == (-4, "likely")
     assert verdict_with(replace(other, resolution=0.01, share=0.5)) == (-4, "likely")
+
+
+def away_from_window(points: torch.Tensor) -> torch.Tensor:
+    """Which points (N, 3) lie outside a round window at the side of a torus."""
+    return (points - torch.tensor([1.4, 0, 0], dtype=torch.float64)).norm(dim=1) > 0.42
+
+
+def torus_splats(has_window: bool) -> tk.GaussianSplats:
+    """A torus that stops light, or has that window."""
+    from splat_writers import torus_scene
+
+    means, scales, quaternions, _ = (torch.from_numpy(part.copy()).double() for part in torus_scene(6_000))
+    rows = away_from_window(means) if has_window else torch.ones(len(means), dtype=torch.bool)
+    opacities = torch.full((len(means),), 0.9, dtype=torch.float64)
+    return tk.GaussianSplats(means, 1.6 * scales, quaternions, opacities)[rows]
+
+
+@pytest.mark.parametrize("has_window", [False, True])
+def test_a_hole_of_the_samples_counts_only_where_light_enters(has_window: bool) -> None:
+    known = torus_samples(800).points
+    samples = SurfaceSamples(known[away_from_window(known)], oriented=False)
+    assert not tk.Shape(samples).report().closed
+    splats = torus_splats(has_window)
+    shape = tk.Shape(samples, opacity=AbsorbingScene(lambda: gaussians_of(splats)))
+    report = shape.report()
+    assert report.closed is not has_window
+    if has_window:
+        assert report.reasons == tk.Shape(samples).report().reasons
+        return
+    assert (report.euler, report.genus, report.verdict) == (0, 1, "unsure")
+    assert report.reasons[0].endswith("the samples alone have holes, which other splats cover.")
+    assert shape.surface().euler_number == 0
 
 
 def test_its_readings_outlive_pickling() -> None:

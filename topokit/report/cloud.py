@@ -57,13 +57,15 @@ def cloud_report(
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
-    if is_open(found.part.boundary, witness) and not is_wire:
+    if witness is not None and found.opaque is not None:
+        report = _opaque_report(found, witness, found.opaque)
+    elif is_open(found.part.boundary, witness) and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
     else:
         report = _closed_report(found, witness)
-    votes = vote_evidence(witness) if witness is not None else ()
+    votes = (*(vote_evidence(witness) if witness is not None else ()), *opacity_evidence(found.opacity))
     report = _with_left_out(report, left_out)
     deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, found.part.estimate_seconds)
@@ -71,7 +73,7 @@ def cloud_report(
         report,
         name=name,
         reasons=(*deciding, *notes, *outlier_sentences(found.n_outliers), *others, _curvature_sentence(found)),
-        evidence=(estimate, *votes, *report.evidence),
+        evidence=(estimate, *votes),
         estimate=estimate.value,
         advice=advice or report.advice,
     )
@@ -87,8 +89,6 @@ def _with_left_out(report: TopologyReport, width: float) -> TopologyReport:
 
 
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    if found.opaque is not None:
-        return _opaque_report(found, witness, found.opaque)
     seen, checks = found.opacity, found.checks
     if seen is not None:
         checks = with_opacity(checks, seen, witness)
@@ -116,7 +116,6 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         closed=True,
         confidence=confidence,
     )
-    report = replace(report, evidence=opacity_evidence(seen))
     return report if witness.wire is not None or report.verdict == "likely" else with_doubts(report, found)
 
 
@@ -126,12 +125,13 @@ def _opaque_report(found: Examination, witness: Witness, seen: OpacityReading) -
     assert surface is not None, "opacity decides by a surface"
     components = mesh_topology(surface.vertices, surface.faces).components
     failed, others = check_sentences(found.checks, witness)
+    first = opaque_sentence(seen, witness if found.checks else None)
     report = _report(
         found,
         euler=seen.euler,
         verdict="unsure",
         advice=cloud_advice(witness, found.samples.n_points, found.checks),
-        reasons=(opaque_sentence(seen, witness), *failed, *others, *preparation_sentences(witness)),
+        reasons=(first, *failed, *others, *preparation_sentences(witness)),
         n_deciding=1 + len(failed),
         components=components,
         n_components=len(components),
@@ -139,7 +139,7 @@ def _opaque_report(found: Examination, witness: Witness, seen: OpacityReading) -
         cavities=0,
         closed=True,
     )
-    return replace(report, resolution=seen.resolution, evidence=opacity_evidence(seen))
+    return replace(report, resolution=seen.resolution)
 
 
 def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:

@@ -128,11 +128,12 @@ def check_sentences(
     return _divided(checks, numbers)
 
 
-def opaque_sentence(seen: OpacityReading, witness: Witness) -> str:
-    """That the integer is that of opacity, and not of the samples."""
+def opaque_sentence(seen: OpacityReading, closed: Witness | None) -> str:
+    """That the integer is that of opacity, and not of the samples, whose evidence is given if they have no holes."""
+    alone = "have holes, which other splats cover" if closed is None else f"give χ = {closed.euler}"
     return (
         f"What cannot be seen into from outside has χ = {seen.euler} in all {len(seen.eulers)} readings; the samples "
-        f"alone give χ = {witness.euler}."
+        f"alone {alone}."
     )
 
 

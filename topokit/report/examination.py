@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.arrays import Floats, Integers
@@ -50,6 +51,8 @@ from topokit.report.verdict import (
 )
 
 _SUPPLIED = 0.5  # share of the samples missing from holes that caps or flat lids must have, and another round once more
+_COVERED = 0.9  # share of the lids over holes near which other splats are, from which light may not enter there
+_COVERING = 1.5  # spacings of samples within which these are
 _FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
 
@@ -252,19 +255,38 @@ class Examination:
 
     @cached_property
     def opacity(self) -> OpacityReading | None:
-        """The solid that cannot be seen into, looked for where samples are unsure or may be too coarse."""
-        witness = self.witness
-        if self._scene is None or witness is None or witness.wire is not None or not self.checks:
+        """The solid that cannot be seen into, looked for where samples are unsure, may be too coarse, or have holes.
+
+        Holes must be covered by splats that are no samples: otherwise light enters, and only walls are left.
+        """
+        scene, witness = self._scene, self.witness
+        if scene is None or witness is None or witness.wire is not None:
             return None
-        is_unsure = cloud_verdict(self.checks) == "unsure"
-        return self._scene.read(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
+        if not self.checks and not self._has_covered_holes(scene.make().means, _COVERING * witness.spacing):
+            return None
+        is_unsure = bool(self.checks) and cloud_verdict(self.checks) == "unsure"
+        return scene.read(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
 
     @property
     def opaque(self) -> OpacityReading | None:
         """That solid, if the integer is its own and not that of the samples."""
         seen, witness = self.opacity, self.witness
-        is_better = seen is not None and witness is not None and opacity_decides(seen, witness)
-        return seen if is_better else None
+        if seen is None or witness is None or not opacity_decides(seen, witness, is_open=not self.checks):
+            return None
+        if seen.surface is None or self.checks:
+            return seen
+        is_covered = self._has_covered_holes(torch.from_numpy(seen.surface.vertices), seen.resolution)
+        return seen if is_covered else None
+
+    def _has_covered_holes(self, places: Tensor, within: float) -> bool:
+        """Whether there are holes, and places (P, 3) lie near nearly all of the lids over them."""
+        surface, covers = self.surface, lids(self.witness)
+        if surface is None or not covers:
+            return False
+        corners = surface.vertices[surface.faces[np.concatenate([patch.facets for patch in covers])]]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        distances = cKDTree(places.detach().cpu().double().numpy()).query(corners.mean(1))[0]
+        return float(areas[distances < within].sum()) > _COVERED * float(areas.sum())
 
     def smoothed_opaque_euler(self) -> Tensor | None:
         """χ_τ of that solid, differentiable; None if the integer is not its own, or there is no graph."""
@@ -303,8 +325,10 @@ def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
     for one in found:
         boundary, witness = one.part.boundary, one.witness
         turning_is_unknown = bool(lids(witness)) and not boundary.curves
-        if witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
-            eulers.append((one.opaque or witness).euler)
+        if one.opaque is not None:
+            eulers.append(one.opaque.euler)
+        elif witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
+            eulers.append(witness.euler)
     return eulers if len(eulers) == len(found) else None
 
 

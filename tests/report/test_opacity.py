@@ -9,10 +9,12 @@ import torch
 import trimesh
 
 import topokit as tk
+from topokit.adapters.splats.absorption import gaussians_of
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
-from topokit.testing import genus_mesh
+from topokit.testing import genus_mesh, torus_samples
 
 MESH = trimesh.Trimesh(*genus_mesh(3), process=False)
 READING = OpacityReading(
@@ -26,11 +28,25 @@ READING = OpacityReading(
 )
 
 
+class Read:
+    """A scene of which the reading is known; it notes for which widths it is asked."""
+
+    def __init__(self, reading: OpacityReading | None) -> None:
+        self.reading, self.asked = reading, []
+
+    def read(self, finer_than: float | None) -> OpacityReading | None:
+        self.asked.append(finer_than)
+        return self.reading
+
+    def smoothed_euler(self) -> None:
+        """No graph."""
+
+
 def shape_of(count: int, seed: int, reading: OpacityReading | None) -> tk.Shape:
     """Random samples of a surface of genus 3."""
     points, _ = trimesh.sample.sample_surface(MESH, count, seed=seed)
     samples = SurfaceSamples(torch.from_numpy(points.copy()), oriented=False)
-    return tk.Shape(samples, opacity=lambda finer_than: reading)
+    return tk.Shape(samples, opacity=Read(reading))
 
 
 @pytest.fixture(scope="module")
@@ -98,27 +114,55 @@ def dense() -> SurfaceSamples:
 
 
 def test_where_samples_suffice_opacity_is_asked_for_finer_features_only(dense: SurfaceSamples) -> None:
-    asked: list[float | None] = []
-
-    def ask(finer_than: float | None) -> None:
-        asked.append(finer_than)
-
-    report = tk.Shape(dense, opacity=ask).report()
+    scene = Read(None)
+    report = tk.Shape(dense, opacity=scene).report()
     assert (report.euler, report.verdict) == (-4, "likely")
-    assert asked == [pytest.approx(0.65 * report.resolution)]
+    assert scene.asked == [pytest.approx(0.65 * report.resolution)]
 
 
 def test_a_likely_integer_is_unsure_if_finer_readings_contradict_it(dense: SurfaceSamples) -> None:
     other = replace(READING, eulers=(-2,) * 13 + (-4,) * 3, euler=-2, share=13 / 16)
 
     def verdict_with(reading: OpacityReading) -> tuple[int | None, str]:
-        report = tk.Shape(dense, opacity=lambda finer_than: reading).report()
+        report = tk.Shape(dense, opacity=Read(reading)).report()
         return report.euler, report.verdict
 
     assert verdict_with(replace(READING, resolution=0.01)) == (-4, "likely")
     assert verdict_with(replace(other, resolution=0.01)) == (-4, "unsure")
     assert verdict_with(replace(other, resolution=1.0)) == (-4, "likely")
     assert verdict_with(replace(other, resolution=0.01, share=0.5)) == (-4, "likely")
+
+
+def away_from_window(points: torch.Tensor) -> torch.Tensor:
+    """Which points (N, 3) lie outside a round window at the side of a torus."""
+    return (points - torch.tensor([1.4, 0, 0], dtype=torch.float64)).norm(dim=1) > 0.42
+
+
+def torus_splats(has_window: bool) -> tk.GaussianSplats:
+    """A torus that stops light, or has that window."""
+    from splat_writers import torus_scene
+
+    means, scales, quaternions, _ = (torch.from_numpy(part.copy()).double() for part in torus_scene(6_000))
+    rows = away_from_window(means) if has_window else torch.ones(len(means), dtype=torch.bool)
+    opacities = torch.full((len(means),), 0.9, dtype=torch.float64)
+    return tk.GaussianSplats(means, 1.6 * scales, quaternions, opacities)[rows]
+
+
+@pytest.mark.parametrize("has_window", [False, True])
+def test_a_hole_of_the_samples_counts_only_where_light_enters(has_window: bool) -> None:
+    known = torus_samples(800).points
+    samples = SurfaceSamples(known[away_from_window(known)], oriented=False)
+    assert not tk.Shape(samples).report().closed
+    splats = torus_splats(has_window)
+    shape = tk.Shape(samples, opacity=AbsorbingScene(lambda: gaussians_of(splats)))
+    report = shape.report()
+    assert report.closed is not has_window
+    if has_window:
+        assert report.reasons == tk.Shape(samples).report().reasons
+        return
+    assert (report.euler, report.genus, report.verdict) == (0, 1, "unsure")
+    assert report.reasons[0].endswith("the samples alone have holes, which other splats cover.")
+    assert shape.surface().euler_number == 0
 
 
 def test_its_readings_outlive_pickling() -> None:

@@ -231,9 +231,12 @@ def test_opacity_contradicts_a_likely_integer_if_it_shows_finer_features() -> No
         (seen_as(witness.euler), False, False),
     ):
         assert opacity_contradicts(seen, witness) is contradicts
-        assert opacity_decides(seen, witness) is decides
+        assert opacity_decides(seen, witness, is_open=False) is decides
         checks = with_opacity(cloud_checks(witness, rim()), seen, witness)
         assert cloud_verdict(checks) == ("unsure" if contradicts else "likely")
+    same = seen_as(witness.euler, resolution=finest)
+    assert opacity_decides(same, witness, is_open=True)
+    assert not opacity_decides(same, witness, is_open=False)
 
 
 def test_clouds_with_lids_or_long_curves_are_open() -> None:

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
-from torch import Tensor
 
-from topokit.core.arrays import Floats
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
 from topokit.core.components import SurfaceComponent, genus_of
@@ -21,6 +19,7 @@ from topokit.report.cloud_wording import (
     cap_sentences,
     check_sentences,
     confidence_sentences,
+    floater_sentence,
     opaque_sentence,
     open_sentences,
     outlier_sentences,
@@ -44,7 +43,9 @@ from topokit.report.wording import position
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 
 
-def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: str | None = None) -> TopologyReport:
+def cloud_report(
+    name: str, notes: tuple[str, ...], found: Examination, advice: str | None = None, left_out: float = 0.0
+) -> TopologyReport:
     """The report of samples.
 
     Args:
@@ -52,37 +53,48 @@ def cloud_report(name: str, notes: tuple[str, ...], found: Examination, advice: 
         notes: sentences about what was found or changed while opening it.
         found: the measurements.
         advice: what helps where these are unsure, if the representation knows better than the samples.
+        left_out: width of the widest part that was taken for a floater and is not in the samples.
     """
     witness = found.witness
     is_wire = witness is not None and witness.wire is not None
-    if is_open(found.part.boundary, witness) and not is_wire:
+    if witness is not None and found.opaque is not None:
+        report = _opaque_report(found, witness, found.opaque)
+    elif is_open(found.part.boundary, witness) and not is_wire:
         report = _open_report(found)
     elif witness is None:
         report = _without_solid(found)
     else:
         report = _closed_report(found, witness)
-    votes = vote_evidence(witness) if witness is not None else ()
+    votes = (*(vote_evidence(witness) if witness is not None else ()), *opacity_evidence(found.opacity))
+    report = _with_left_out(report, left_out)
     deciding, others = report.reasons[: report.n_deciding], report.reasons[report.n_deciding :]
     estimate = Evidence("Gauss–Bonnet", found.part.estimate, None, found.part.estimate_seconds)
     return replace(
         report,
         name=name,
         reasons=(*deciding, *notes, *outlier_sentences(found.n_outliers), *others, _curvature_sentence(found)),
-        evidence=(estimate, *votes, *report.evidence),
+        evidence=(estimate, *votes),
         estimate=estimate.value,
         advice=advice or report.advice,
     )
 
 
+def _with_left_out(report: TopologyReport, width: float) -> TopologyReport:
+    """The report, unsure if a part as wide as its resolution was left out."""
+    if report.resolution is None or width < report.resolution:
+        return report
+    n_failed = report.n_deciding if report.verdict == "unsure" else 0
+    reasons = (floater_sentence(width, report.resolution), *report.reasons)
+    return replace(report, verdict="unsure", reasons=reasons, n_deciding=1 + n_failed)
+
+
 def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
-    if found.opaque is not None:
-        return _opaque_report(found, witness, found.opaque)
     seen, checks = found.opacity, found.checks
     if seen is not None:
         checks = with_opacity(checks, seen, witness)
     n_surfaces = witness.components + witness.cavities
     genus = genus_of(witness.euler, components=n_surfaces) if witness.has_genus else None
-    components = _solid_components(found.samples.points, witness) or _cloud_components(found)
+    components = _solid_components(found, witness) or _cloud_components(found)
     deciding, others = check_sentences(checks, witness, seen)
     confidence = next((check.value for check in checks if check.name == "confidence"), None)
     report = _report(
@@ -104,7 +116,6 @@ def _closed_report(found: Examination, witness: Witness) -> TopologyReport:
         closed=True,
         confidence=confidence,
     )
-    report = replace(report, evidence=opacity_evidence(seen))
     return report if witness.wire is not None or report.verdict == "likely" else with_doubts(report, found)
 
 
@@ -114,12 +125,13 @@ def _opaque_report(found: Examination, witness: Witness, seen: OpacityReading) -
     assert surface is not None, "opacity decides by a surface"
     components = mesh_topology(surface.vertices, surface.faces).components
     failed, others = check_sentences(found.checks, witness)
+    first = opaque_sentence(seen, witness if found.checks else None)
     report = _report(
         found,
         euler=seen.euler,
         verdict="unsure",
         advice=cloud_advice(witness, found.samples.n_points, found.checks),
-        reasons=(opaque_sentence(seen, witness), *failed, *others, *preparation_sentences(witness)),
+        reasons=(first, *failed, *others, *preparation_sentences(witness)),
         n_deciding=1 + len(failed),
         components=components,
         n_components=len(components),
@@ -127,7 +139,7 @@ def _opaque_report(found: Examination, witness: Witness, seen: OpacityReading) -
         cavities=0,
         closed=True,
     )
-    return replace(report, resolution=seen.resolution, evidence=opacity_evidence(seen))
+    return replace(report, resolution=seen.resolution)
 
 
 def with_doubts(report: TopologyReport, found: Examination) -> TopologyReport:
@@ -288,13 +300,11 @@ def _cloud_components(found: Examination) -> tuple[SurfaceComponent, ...]:
     return tuple(sorted(components, key=lambda component: -component.area_share))
 
 
-def _solid_components(points: Tensor, witness: Witness) -> Sequence[SurfaceComponent]:
+def _solid_components(found: Examination, witness: Witness) -> Sequence[SurfaceComponent]:
     """Components of the first cut's surface, counted as a mesh; empty if they do not add up to the answer."""
-    surface = witness.surface
-    if surface is None or len(surface.faces) == 0:
+    if found.surface is None:
         return ()
-    vertices: Floats = points.cpu()[torch.from_numpy(surface.points)].double().numpy()
-    topology = mesh_topology(vertices, surface.faces)
+    topology = mesh_topology(found.surface.vertices, found.surface.faces)
     same = topology.is_closed and topology.euler == witness.euler
     same = same and len(topology.components) == witness.components + witness.cavities
     return topology.components if same else ()

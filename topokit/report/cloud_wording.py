@@ -128,11 +128,12 @@ def check_sentences(
     return _divided(checks, numbers)
 
 
-def opaque_sentence(seen: OpacityReading, witness: Witness) -> str:
-    """That the integer is that of opacity, and not of the samples."""
+def opaque_sentence(seen: OpacityReading, closed: Witness | None) -> str:
+    """That the integer is that of opacity, and not of the samples, whose evidence is given if they have no holes."""
+    alone = "have holes, which other splats cover" if closed is None else f"give χ = {closed.euler}"
     return (
         f"What cannot be seen into from outside has χ = {seen.euler} in all {len(seen.eulers)} readings; the samples "
-        f"alone give χ = {witness.euler}."
+        f"alone {alone}."
     )
 
 
@@ -248,6 +249,14 @@ def outlier_sentences(n_outliers: int) -> tuple[str, ...]:
         return ()
     what, was = ("1 point lies", "was") if n_outliers == 1 else (f"{n_outliers} points lie", "were")
     return (f"{what} off the surface, far from {'its' if n_outliers == 1 else 'their'} neighbors, and {was} left out.",)
+
+
+def floater_sentence(width: float, resolution: float) -> str:
+    """That something was dropped which the answer claims to see."""
+    return (
+        f"A cluster {width:.2g} wide was dropped as a floater, though the answer is about parts wider than "
+        f"{resolution:.2g}: min_cluster_share=None counts it, component='largest' leaves it out by choice."
+    )
 
 
 def _numbers(witness: Witness) -> dict[str, object]:

@@ -10,36 +10,32 @@ from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.votes import share_of
 from topokit.core.scale.narrow_places import NarrowPlace, missed_places, surface_places
 from topokit.core.surface import TriangleSurface
-from topokit.errors import InputError
 
 _MOST_VERTICES = 1 << 22  # of the grid on which narrow places are looked for: 5 to 10 s
 
 
-def cloud_doubts(witness: Witness | None, points: Floats) -> tuple[NarrowPlace, ...]:
+def cloud_doubts(witness: Witness, surface: TriangleSurface, missed: Floats) -> tuple[NarrowPlace, ...]:
     """The places of a cloud's surface that are narrower than its resolution, and samples off the surface.
 
     Narrow places have the share of the votes that count as if they were otherwise: first come those with most of them,
     of equals the narrowest. The places where several samples are off the surface follow, unless noise does that.
 
     Args:
-        witness: what was found of a closed surface, or None.
-        points: (N, 3), the cloud.
+        witness: the evidence about the cloud.
+        surface: the closed surface that was found.
+        missed: (M, 3), samples off that surface.
 
     Raises:
-        InputError: if no closed surface was found, or its narrow places need too fine a grid.
+        InputError: if narrow places need too fine a grid.
         MissingDependencyError: if cripser is not installed.
     """
-    if witness is None or witness.surface is None or len(witness.surface.faces) == 0:
-        raise InputError("no closed surface was found.")
-    surface = TriangleSurface(points[witness.surface.points], witness.surface.faces)
     counted = [value for vote in witness.votes for value in vote.eulers]
     found = [
         replace(one, votes=share_of(witness.euler + (one.change or 0), counted))
         for one in surface_places(surface, witness.resolution, _MOST_VERTICES)
     ]
     found.sort(key=lambda one: (-(one.votes or 0.0), one.width, one.place))
-    missed = () if is_noisy(witness) else missed_places(points[witness.missed], witness.resolution / 2)
-    return (*found, *missed)
+    return (*found, *(() if is_noisy(witness) else missed_places(missed, witness.resolution / 2)))
 
 
 def is_noisy(witness: Witness) -> bool:

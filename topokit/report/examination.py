@@ -11,9 +11,11 @@ from functools import cached_property
 
 import numpy as np
 import torch
+from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.core.cloud.caps import OrientedLayer, planar_caps
+from topokit.core.arrays import Floats, Integers
+from topokit.core.cloud.caps import OrientedLayer, flat_share, planar_caps
 from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
@@ -25,9 +27,11 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, Curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
-from topokit.core.opacity.solid import OpacityReading, ReadOpacity
+from topokit.core.opacity.scene import AbsorbingScene
+from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
+from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, TopokitError
 from topokit.report.doubts import cloud_doubts
 from topokit.report.progress import progress_bar
@@ -46,7 +50,9 @@ from topokit.report.verdict import (
     without_doubts,
 )
 
-_SUPPLIED = 0.5  # share of the samples missing from holes that caps must supply, and another round of caps once more
+_SUPPLIED = 0.5  # share of the samples missing from holes that caps or flat lids must have, and another round once more
+_COVERED = 0.9  # share of the lids over holes near which other splats are, from which light may not enter there
+_COVERING = 1.5  # spacings of samples within which these are
 _FEWEST_FOR_BAR = 3_000  # points that may take longer than the patience of a bar
 
 
@@ -62,17 +68,16 @@ class Examination:
         *,
         known_closed: bool,
         neighbors: Callable[[], Tensor] | None = None,
-        opacity: ReadOpacity | None = None,
+        opacity: AbsorbingScene | None = None,
     ) -> None:
         """
         Args:
             samples: of one surface, (N, 3); detached.
             known_closed: whether the surface is known to have no boundary, so that none is looked for.
             neighbors: returns what `neighbors` would find, if that is known already.
-            opacity: reads the solid that cannot be seen into, where the samples come with opacities; see
-                `ReadOpacity`.
+            opacity: the scene that absorbs light, if the samples are of one.
         """
-        self._read_opacity = opacity
+        self._scene = opacity
         self.samples = samples
         self._known_closed = known_closed
         self._find_neighbors = neighbors or self._search
@@ -172,17 +177,31 @@ class Examination:
         return found if isinstance(found, Witness) else None
 
     @cached_property
+    def surface(self) -> TriangleSurface | None:
+        """The closed surface of the witness, whose vertices are samples, facing outward; None if there is none."""
+        surface = None if self.witness is None else self.witness.surface
+        if surface is None or len(surface.faces) == 0:
+            return None
+        return TriangleSurface(self.positions(surface.points), surface.faces)
+
+    def positions(self, rows: Integers) -> Floats:
+        """Samples (M, 3) by their indices, in double precision."""
+        found: Floats = self.samples.points.detach().cpu()[torch.from_numpy(rows)].double().numpy()
+        return found
+
+    @cached_property
     def capped(self) -> Examination | None:
         """The measurements with planar caps over the holes of a solid; None without holes, or if caps leave it open."""
-        witness, points = self.witness, self.samples.points
+        witness, surface, points = self.witness, self.surface, self.samples.points
         covers = lids(witness)
-        if witness is None or witness.surface is None or not covers or not is_mostly_seen(witness):
+        if witness is None or surface is None or not covers or not is_mostly_seen(witness):
             return None
-        corners = points.cpu().double().numpy()[witness.surface.points[witness.surface.faces]]
-        holes = [corners[patch.facets] for patch in covers]
-        caps, directions = planar_caps(self._outward_layer(witness), holes)
-        if len(caps) < _SUPPLIED * missing_samples(witness):
-            return None  # most holes are not flat
+        holes = [surface.vertices[surface.faces[patch.facets]] for patch in covers]
+        layer = self._outward_layer(witness)
+        caps, directions = planar_caps(layer, holes)
+        flat = sum(patch.missing * flat_share(hole, layer.spacing) for patch, hole in zip(covers, holes, strict=True))
+        if len(caps) == 0 or max(len(caps), flat) < _SUPPLIED * missing_samples(witness):
+            return None  # most holes are not flat; under a ring the lid is flat, but its cap is smaller
         normals = torch.from_numpy(np.concatenate((witness.normals, directions))).to(points)
         samples = SurfaceSamples(torch.cat((points, torch.from_numpy(caps).to(points))), normals)
         found = Examination(samples, known_closed=False)
@@ -204,7 +223,9 @@ class Examination:
     @cached_property
     def _doubts_or_refusal(self) -> tuple[NarrowPlace, ...] | TopokitError:
         try:
-            return cloud_doubts(self.witness, self.samples.points.cpu().double().numpy())
+            if self.witness is None or self.surface is None:
+                raise InputError("no closed surface was found.")
+            return cloud_doubts(self.witness, self.surface, self.positions(self.witness.missed))
         except TopokitError as refusal:
             return refusal
 
@@ -234,19 +255,42 @@ class Examination:
 
     @cached_property
     def opacity(self) -> OpacityReading | None:
-        """The solid that cannot be seen into, looked for where samples are unsure or may be too coarse."""
-        witness = self.witness
-        if self._read_opacity is None or witness is None or witness.wire is not None or not self.checks:
+        """The solid that cannot be seen into, looked for where samples are unsure, may be too coarse, or have holes.
+
+        Holes must be covered by splats that are no samples: otherwise light enters, and only walls are left.
+        """
+        scene, witness = self._scene, self.witness
+        if scene is None or witness is None or witness.wire is not None:
             return None
-        is_unsure = cloud_verdict(self.checks) == "unsure"
-        return self._read_opacity(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
+        if not self.checks and not self._has_covered_holes(scene.make().means, _COVERING * witness.spacing):
+            return None
+        is_unsure = bool(self.checks) and cloud_verdict(self.checks) == "unsure"
+        return scene.read(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
 
     @property
     def opaque(self) -> OpacityReading | None:
         """That solid, if the integer is its own and not that of the samples."""
         seen, witness = self.opacity, self.witness
-        is_better = seen is not None and witness is not None and opacity_decides(seen, witness)
-        return seen if is_better else None
+        if seen is None or witness is None or not opacity_decides(seen, witness, is_open=not self.checks):
+            return None
+        if seen.surface is None or self.checks:
+            return seen
+        is_covered = self._has_covered_holes(torch.from_numpy(seen.surface.vertices), seen.resolution)
+        return seen if is_covered else None
+
+    def _has_covered_holes(self, places: Tensor, within: float) -> bool:
+        """Whether there are holes, and places (P, 3) lie near nearly all of the lids over them."""
+        surface, covers = self.surface, lids(self.witness)
+        if surface is None or not covers:
+            return False
+        corners = surface.vertices[surface.faces[np.concatenate([patch.facets for patch in covers])]]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        distances = cKDTree(places.detach().cpu().double().numpy()).query(corners.mean(1))[0]
+        return float(areas[distances < within].sum()) > _COVERED * float(areas.sum())
+
+    def smoothed_opaque_euler(self) -> Tensor | None:
+        """χ_τ of that solid, differentiable; None if the integer is not its own, or there is no graph."""
+        return None if self._scene is None or self.opaque is None else self._scene.smoothed_euler()
 
     @property
     def refusal(self) -> InputError | None:
@@ -281,8 +325,10 @@ def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
     for one in found:
         boundary, witness = one.part.boundary, one.witness
         turning_is_unknown = bool(lids(witness)) and not boundary.curves
-        if witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
-            eulers.append((one.opaque or witness).euler)
+        if one.opaque is not None:
+            eulers.append(one.opaque.euler)
+        elif witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
+            eulers.append(witness.euler)
     return eulers if len(eulers) == len(found) else None
 
 

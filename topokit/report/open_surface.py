@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.settings import QualitySettings
@@ -81,12 +80,12 @@ def open_surfaces(found: Examination) -> list[OpenSurface]:
     witness, curves = found.witness, found.part.boundary.curves
     covers, trials = lids(witness), []
     if curves or witness is None:
-        rims = [_points(found.part, curve.index.numpy()) for curve in curves]
+        rims = [found.part.positions(curve.index.numpy()) for curve in curves]
         n_parts = int(neighbor_components(found.part.neighbors).max()) + 1
         trials.append(_fitted(n_parts, len(curves), found.part.estimate, rims, True))
     if witness is not None and (covers or not curves):
         is_solid = is_mostly_seen(witness)
-        rims = [_points(found, cover.samples) for cover in covers] if is_solid else []
+        rims = [found.positions(cover.samples) for cover in covers] if is_solid else []
         euler = float(_solid_euler(witness) - len(covers))
         n_surfaces, triangles = witness.components + witness.cavities, _without_lids(found, witness)
         solid = _fitted(n_surfaces, len(covers), euler, rims, not is_solid, triangles)
@@ -116,12 +115,12 @@ def _solid_euler(witness: Witness) -> int:
 
 
 def _without_lids(found: Examination, witness: Witness) -> TriangleSurface | None:
-    surface = witness.surface
+    surface = found.surface
     if surface is None or not witness.lids:
         return None
     is_seen = np.ones(len(surface.faces), dtype=bool)
     is_seen[np.concatenate([patch.facets for patch in witness.lids])] = False
-    return _taken_apart(_points(found, surface.points), surface.faces[is_seen]) if is_seen.any() else None
+    return _taken_apart(surface.vertices, surface.faces[is_seen]) if is_seen.any() else None
 
 
 def _capped_surface(found: Examination) -> OpenSurface | None:
@@ -135,7 +134,7 @@ def _capped_surface(found: Examination) -> OpenSurface | None:
     seen = surface.faces[~_is_cap(surface, found.samples.n_points)]
     if not 0 < len(seen) < len(surface.faces):
         return None
-    triangles = _taken_apart(_points(capped, surface.points), seen)
+    triangles = _taken_apart(capped.positions(surface.points), seen)
     topology = mesh_topology(triangles.vertices, triangles.faces)
     return OpenSurface(
         components=len(topology.components),
@@ -174,11 +173,6 @@ def _taken_apart(vertices: Floats, faces: Integers) -> TriangleSurface:
     own = np.empty(int(fans.max()) + 1, dtype=np.int64)
     own[fans] = faces.ravel()
     return TriangleSurface(vertices[own], fans.reshape(-1, 3))
-
-
-def _points(found: Examination, rows: Integers) -> Floats:
-    points: Floats = found.samples.points.cpu()[torch.from_numpy(rows)].double().numpy()
-    return points
 
 
 def _widest_first(rims: list[Floats]) -> tuple[Floats, ...]:

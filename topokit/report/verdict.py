@@ -319,13 +319,24 @@ def with_opacity(checks: tuple[Check, ...], seen: OpacityReading, witness: Witne
 
 def opacity_contradicts(seen: OpacityReading, witness: Witness) -> bool:
     """Whether what cannot be seen into has another integer than the samples, and shows finer features."""
+    return seen.euler != witness.euler and _shows_more(seen, witness)
+
+
+def opacity_decides(seen: OpacityReading, witness: Witness, *, is_open: bool) -> bool:
+    """Whether the integer of what cannot be seen into is the better one: all readings give it, and show finer features.
+
+    Args:
+        seen: what opacity says.
+        witness: the evidence of the samples.
+        is_open: whether the samples have holes; if not, their integer must be another one.
+    """
+    is_settled = seen.share == 1 and seen.surface is not None
+    return is_settled and _shows_more(seen, witness) and (is_open or seen.euler != witness.euler)
+
+
+def _shows_more(seen: OpacityReading, witness: Witness) -> bool:
     limits = ("opacity", seen.share), ("hidden", seen.hidden), ("finer", seen.resolution / witness.resolution)
-    return seen.euler != witness.euler and all(THRESHOLDS[name].allows(value) for name, value in limits)
-
-
-def opacity_decides(seen: OpacityReading, witness: Witness) -> bool:
-    """Whether the integer of what cannot be seen into is the better one: it contradicts, and all readings give it."""
-    return opacity_contradicts(seen, witness) and seen.share == 1 and seen.surface is not None
+    return all(THRESHOLDS[name].allows(value) for name, value in limits)
 
 
 def open_checks(

@@ -15,6 +15,7 @@ from topokit.core.local.curvature import Curvature, CurvatureMethods, CurvatureS
 from topokit.core.local.descent import Variable
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.self_optimization import LEARNING_RATE, Step, as_goal, corrected, self_optimize
+from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError, NoSamplesError
 from topokit.report.examination import outward_samples
 from topokit.report.report import known_euler
@@ -45,7 +46,7 @@ def curvature(shape: Shape, n_neighbors: int | None = None, **methods: Unpack[Cu
 
 
 def euler(shape: Shape) -> Tensor:
-    """The Euler characteristic χ: the report's integer, with the gradient of `gauss_bonnet()`.
+    """The Euler characteristic χ: the report's integer, with the gradient of an estimate of it.
 
     For points and splats this makes the whole report, which takes seconds, and keeps its measurements. In a
     training loop use `gauss_bonnet()` or a loss. The integer is the best there is, whatever the verdict: see
@@ -54,8 +55,10 @@ def euler(shape: Shape) -> Tensor:
     Returns:
         0-d tensor, or (...) for batched samples with the integer of each, in the floating type and on the device of
         the samples. Its value is the integer; the gradient is that of `gauss_bonnet()`, which estimates the same
-        number (a straight-through estimate: the integer itself has none). Where no gradient is asked for, curvature
-        is not computed. A volume that is counted block by block has no samples: float64, without a gradient.
+        number (a straight-through estimate: the integer itself has none). Where the integer of splats is that of what
+        cannot be seen into (the report's first reason says so), it is that of `smoothed_euler()` of their
+        `optical_depth()`, and reaches opacities, too. Where no gradient is asked for, neither is computed. A volume
+        that is counted block by block has no samples: float64, without a gradient.
 
     Raises:
         InputError: if the Euler characteristic is unknown.
@@ -72,10 +75,17 @@ def euler(shape: Shape) -> Tensor:
     except NoSamplesError:
         return torch.tensor(float(integers[0]), dtype=torch.float64)
     value = samples.points.new_tensor(integers).reshape(samples.points.shape[:-2])
-    if not (torch.is_grad_enabled() and samples.requires_grad):
-        return value
-    estimate = shape.gauss_bonnet(boundary=False)  # the term of a boundary is constant
-    return value + (estimate - estimate.detach())
+    estimate = _estimate_of_integer(shape, samples) if torch.is_grad_enabled() else None
+    return value if estimate is None else value + (estimate - estimate.detach()).to(value)
+
+
+def _estimate_of_integer(shape: Shape, samples: SurfaceSamples) -> Tensor | None:
+    """The differentiable estimate by what gave the integer: opacity or curvature; None without a graph."""
+    found = shape._known.examinations() if shape.counted is None else ()
+    if any(one.opaque is not None for one in found):
+        [one] = found  # scenes of splats are not batched
+        return one.smoothed_opaque_euler()
+    return shape.gauss_bonnet(boundary=False) if samples.requires_grad else None  # that of a boundary is constant
 
 
 def gauss_bonnet(

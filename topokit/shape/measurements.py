@@ -12,7 +12,7 @@ from torch import Tensor
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
-from topokit.core.opacity.solid import ReadOpacity
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_samples
@@ -36,7 +36,7 @@ class Measurements:
         may_leave_box: bool,
         n_neighbors: int | None,
         name: str,
-        opacity: ReadOpacity | None = None,
+        opacity: AbsorbingScene | None = None,
     ) -> None:
         """
         Args:
@@ -45,7 +45,7 @@ class Measurements:
             may_leave_box: whether the surface may have a boundary though a closed one was counted: that of a field.
             n_neighbors: of the shape; there must be more samples.
             name: of the shape, for error messages.
-            opacity: reads the solid that cannot be seen into.
+            opacity: the scene that absorbs light, if the samples are of one.
         """
         self._opacity = opacity
         self._given_samples, self._given_counted = samples, counted

@@ -16,7 +16,7 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
-from topokit.core.opacity.solid import ReadOpacity
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
@@ -62,7 +62,10 @@ class Shape:
         defects: finds faults; gets whether to look for self-intersections, too.
         bounded: proves the topology of a function's level set by bounds.
         curve: counts the solids over all levels, given the levels of `euler_curve`, if the shape has no field.
-        opacity: reads the solid that cannot be seen into, which is asked where samples alone are unsure.
+        opacity: the scene that absorbs light, of which the solid that cannot be seen into is asked where samples alone
+            are unsure.
+        left_out: width, in units of length, of the widest part that was taken for a floater and is not in the samples;
+            an answer that claims to see parts so narrow is unsure.
         field: the scalar field that defines the shape, on its own grid, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
@@ -72,8 +75,7 @@ class Shape:
         simplification: what `simplify` did, if the shape is its result.
         advice: what to change in the call that made the shape if its samples give no sure answer.
 
-    All but `surface`, `defects`, `bounded`, `curve` and `opacity` are attributes, too; what functions make is made when
-    it is needed.
+    All but those from `surface` to `left_out` are attributes, too; what functions make is made when it is needed.
     """
 
     field: Field | None
@@ -88,7 +90,8 @@ class Shape:
     _find_defects: Callable[[bool], tuple[Defect, ...]] | None
     _bounded: Bounded | None
     _curve: Callable[[Levels], EulerCurve] | None
-    _opacity: ReadOpacity | None
+    _opacity: AbsorbingScene | None
+    _left_out: float
 
     def __init__(
         self,
@@ -99,7 +102,8 @@ class Shape:
         defects: Callable[[bool], tuple[Defect, ...]] | None = None,
         bounded: Bounded | None = None,
         curve: Callable[[Levels], EulerCurve] | None = None,
-        opacity: ReadOpacity | None = None,
+        opacity: AbsorbingScene | None = None,
+        left_out: float = 0.0,
         field: Field | None = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
@@ -126,6 +130,7 @@ class Shape:
             _bounded=bounded,
             _curve=curve,
             _opacity=opacity,
+            _left_out=left_out,
         )
 
     def __setattr__(self, attribute: str, value: object) -> None:
@@ -198,6 +203,7 @@ class Shape:
             bounded=self._bounded,
             curve=self._curve,
             opacity=self._opacity,
+            left_out=self._left_out,
             field=self.field,
             mesh=mesh,
             name=self.name,
@@ -430,4 +436,7 @@ class Shape:
         """The report of the counted answer, or of each batch item's samples."""
         if self.counted is not None:
             return (counted_report(self.name, self.notes, self.counted),)
-        return tuple(cloud_report(self.name, self.notes, found, self.advice) for found in self._known.examinations())
+        return tuple(
+            cloud_report(self.name, self.notes, found, self.advice, self._left_out)
+            for found in self._known.examinations()
+        )

@@ -112,8 +112,7 @@ def found_surface(shape: Shape) -> TriangleSurface | None:
     misses = witness.surface.euler != witness.euler
     if opacity is not None and (found.opaque or (misses and opacity.euler == witness.euler)):
         return opacity.surface
-    points = shape.samples.points.detach().cpu().double().numpy()
-    return TriangleSurface(points[witness.surface.points], witness.surface.faces)
+    return found.surface
 
 
 def mesh_arrays(mesh: tuple[Tensor, Tensor]) -> tuple[Floats, Integers]:

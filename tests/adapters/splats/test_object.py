@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +62,33 @@ def test_the_object_of_a_room_is_found_and_every_step_can_be_switched_off() -> N
     assert with_table.planes == ()
     assert len(with_table) > N_OBJECT
     assert len(splats.object(min_opacity=None, component="all", min_cluster_share=None)) > len(kept)
+
+
+def test_a_plate_that_lies_on_the_table_is_no_table() -> None:
+    plate = sheet(2, 0.2)
+    plate = plate._replace(means=plate.means * [0.3, 0.3, 1.0], scales=0.3 * plate.scales)
+    knob = torus_scene(60)
+    knob = knob._replace(means=0.05 * knob.means + [0, 0, 0.3], scales=0.05 * knob.scales)
+    scene = Scene(*(np.concatenate(columns) for columns in zip(plate, knob, sheet(2, 0.0), strict=True)))
+    kept = splats_of(scene).object()
+    assert len(kept.planes) == 1
+    assert int((kept.rows < 1500).sum()) > 1400
+
+
+def test_a_floater_as_wide_as_the_resolution_makes_the_answer_unsure() -> None:
+    def report_with(size: float, **options: Any) -> tk.TopologyReport:
+        one = torus_scene(40)
+        one = one._replace(means=size * one.means + [4.0, 0, 0], scales=size * one.scales)
+        scene = Scene(*(np.concatenate(columns) for columns in zip(torus_scene(3_000), one, strict=True)))
+        return tk.from_splats(splats_of(scene), **options).report()
+
+    narrow, wide = report_with(0.01), report_with(0.09)
+    assert (narrow.euler, narrow.verdict) == (0, "likely")
+    assert (wide.euler, wide.verdict, wide.n_deciding) == (0, "unsure", 1)
+    assert wide.reasons[0].startswith("A cluster 0.2")
+    assert "min_cluster_share=None counts it" in wide.reasons[0]
+    assert report_with(0.09, component="largest").verdict == "likely"
+    assert report_with(0.09, object=True).verdict == "likely"
 
 
 def test_a_closed_object_without_surroundings_is_kept_whole() -> None:

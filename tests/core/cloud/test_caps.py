@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from topokit.core.arrays import Booleans, Floats
-from topokit.core.cloud.caps import OrientedLayer, planar_caps
+from topokit.core.cloud.caps import OrientedLayer, flat_share, planar_caps
 from topokit.testing import AnalyticSamples, sphere_samples, torus_samples
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -32,6 +32,16 @@ def test_winding_numbers_of_a_sphere() -> None:
     assert layer.winding_numbers(inside) == pytest.approx(1, abs=0.02)
     assert layer.winding_numbers(outside) == pytest.approx(0, abs=0.02)
     assert layer.winding_numbers(np.zeros((0, 3))).shape == (0,)
+
+
+def test_lids_are_flat_where_they_lie_near_the_outermost_plane() -> None:
+    flat, higher = lid_at(-1.0), lid_at(-0.9, half=1.0)
+    assert flat_share(flat, spacing=0.01) == pytest.approx(1)
+    assert flat_share(np.concatenate((flat, higher)), spacing=0.1) == pytest.approx(1)
+    assert flat_share(np.concatenate((flat, higher)), spacing=0.01) == pytest.approx(16 / 20)
+    slope = flat.copy()
+    slope[0, 1, 2] = 0.0  # one of two triangles rises
+    assert flat_share(slope, spacing=0.01) < 0.6
 
 
 @pytest.mark.parametrize("height", [-0.8, -0.4, 0.0])

@@ -12,8 +12,8 @@ from torch import Tensor
 from topokit.adapters.splats.geometry import rotation_matrices, thickness
 from topokit.core.components import Corner
 from topokit.core.grid.grid import Spacing
-from topokit.core.opacity.depth import least_depth
-from topokit.core.opacity.solid import Gaussians, grid_around, typical_spacing
+from topokit.core.opacity.scene import depth_around
+from topokit.core.opacity.solid import Gaussians
 from topokit.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _FULLEST = 0.99  # opacity from which a splat lets nothing through, as renderers of 3DGS have it
 _FLAT = 0.5  # smallest over middle scale, up to which a splat is a disc
-_STEP = 0.5  # spacings of the splats, of a grid that resolves what they show
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +53,5 @@ def optical_depth(splats: GaussianSplats, step: float | None = None) -> OpticalD
         raise InputError(f"there are {len(splats)} splats; a scene of at least two was expected.")
     if step is not None and not 0 < step < math.inf:
         raise InputError(f"step is {step!r}; a positive length in units of the means was expected.")
-    gaussians = gaussians_of(splats)
-    grid = grid_around(gaussians.means, step or _STEP * typical_spacing(gaussians.means))
-    return OpticalDepth(least_depth(gaussians.extinction(grid), grid.cell), grid.spacing, grid.origin)
+    depth, grid = depth_around(gaussians_of(splats), step)
+    return OpticalDepth(depth, grid.spacing, grid.origin)

@@ -18,7 +18,7 @@ from topokit.adapters.splats.discs import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.neighborhood_size import given_or_default
-from topokit.core.opacity.solid import OpacityReading, read_opacity
+from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError
 from topokit.inputs.calls import options_by_name
@@ -72,7 +72,9 @@ def from_splats(
         max_thickness_ratio: splats whose smallest scale exceeds this fraction of their middle scale are dropped: they
             are blobs without a normal. If that is most of the scene, all are kept and normals are estimated from the
             samples.
-        min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters).
+        min_cluster_share: clusters with less than this share of the scene's area are dropped (floaters). Of all
+            clusters, without a choice among them, the report is unsure if one that was dropped is as wide as its
+            resolution.
         n_samples: None takes one sample near the mean of every splat that is kept. A number of points is spread over
             the discs by area times opacity; gaps between discs then look like holes if there are more than splats.
         n_neighbors: number of nearest neighbors for curvature; None takes 20, or more where the samples are noisy.
@@ -80,7 +82,8 @@ def from_splats(
 
     Returns:
         A `Shape`, differentiable in means, scales and quaternions: samples move with their splats. Which splats are
-        kept, and how many samples each gets, is not differentiable.
+        kept, and how many samples each gets, is not differentiable. Opacities have a gradient only by `euler()`, and
+        only where opacity decides the integer; `GaussianSplats.optical_depth` always has one to them.
 
     Raises:
         ReadError: if the file is missing or malformed.
@@ -111,7 +114,8 @@ def from_splats(
     advice = None if object or component is not None else _OBJECT_ALONE
     return Shape(
         lambda: _samples(kept, n_samples, seed),
-        opacity=partial(_read, solid.splats.detach()),
+        opacity=AbsorbingScene(partial(gaussians_of, solid.splats)),
+        left_out=kept.widest_floater if chosen == "all" else 0.0,
         name=name,
         notes=notes,
         n_neighbors=n_neighbors,
@@ -165,10 +169,6 @@ def _steps(object: bool, component: Component | None, surroundings: bool | None)
 def _samples(kept: Kept, count: int | None, seed: int) -> SurfaceSamples:
     on_discs = sample_discs(kept.splats, count, torch.Generator().manual_seed(seed))
     return SurfaceSamples(on_discs.points, frames=on_discs.frames if kept.is_flat else None, oriented=False)
-
-
-def _read(splats: GaussianSplats, finer_than: float | None) -> OpacityReading | None:
-    return read_opacity(gaussians_of(splats), finer_than)
 
 
 def _open(source: Any, activated: bool) -> tuple[str, GaussianSplats]:

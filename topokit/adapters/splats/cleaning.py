@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from topokit.adapters.splats.gaussians import GaussianSplats
 
 
+_FEWEST = 100  # splats before a plane of the surroundings, at least: fewer are no object, and the plane may be its top
+
+
 @dataclass(frozen=True)
 class Limits:
     """Limits of the filters; None switches a filter off. See `topokit.from_splats`.
@@ -62,6 +65,8 @@ class Kept:
         notes: a sentence for everything that was dropped, with its count.
         is_flat: whether at least half of them are discs, so that their rotations give normals.
         planes: the planes of the surroundings that were cut off.
+        widest_floater: longest side of the box of the widest isolated cluster that was dropped, in units of the means;
+            0 if there was none.
     """
 
     splats: GaussianSplats
@@ -69,6 +74,7 @@ class Kept:
     notes: tuple[str, ...] = ()
     is_flat: bool = True
     planes: tuple[Plane, ...] = ()
+    widest_floater: float = 0.0
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -153,8 +159,8 @@ def clean(splats: GaussianSplats, limits: Limits) -> Kept:
     if limits.surroundings:
         kept = _without_surroundings(kept)
     notes: list[str] = []
-    mask = choose_clusters(kept.splats, limits.min_cluster_share, limits.component, middle, notes)
-    return kept.chosen(mask, *notes)
+    mask, widest = choose_clusters(kept.splats, limits.min_cluster_share, limits.component, middle, notes)
+    return replace(kept.chosen(mask, *notes), widest_floater=widest)
 
 
 def without_floaters(splats: GaussianSplats, below: float) -> Kept:
@@ -178,7 +184,7 @@ def _without_surroundings(kept: Kept) -> Kept:
     """The splats before all planes of the surroundings."""
     for plane in surrounding_planes(kept.splats):
         beyond = plane.beyond(kept.splats.means.detach().double().cpu().numpy())
-        if beyond.all():  # nothing stands before it, so it surrounds nothing
+        if len(beyond) - int(beyond.sum()) < _FEWEST:  # no object stands before it, so it surrounds none
             continue
         normal = ", ".join(f"{value + 0.0:.2f}" for value in plane.normal)
         why = (

@@ -29,8 +29,10 @@ def choose_clusters(
     component: Component,
     middle: NDArray[np.float64],
     notes: list[str],
-) -> Tensor:
+) -> tuple[Tensor, float]:
     """Which splats (N,) belong to the clusters asked for, numbered by area times opacity from the largest.
+
+    The other number is the width of the widest isolated cluster, the longest side of its box; 0 if there is none.
 
     Args:
         splats: N splats with finite rows.
@@ -80,16 +82,24 @@ def choose_clusters(
             f"{int(elsewhere.sum())} of {len(splats)} splats lie in other clusters ({len(order)} in all, with "
             f"{_percentages(shares[order])} of the area) and were dropped: component={component!r}."
         )
-    return torch.from_numpy(np.isin(labels, chosen))
+    widths = np.where(isolated, _widths(labels, splats), 0.0)
+    return torch.from_numpy(np.isin(labels, chosen)), float(widths.max())
 
 
 def small_clusters(splats: GaussianSplats, below: float) -> Tensor:
     """Which splats (N,) belong to clusters whose box is shorter than a length along every axis."""
-    labels, means = _clusters(splats), splats.means.detach().double().cpu().numpy()
+    labels = _clusters(splats)
+    return torch.from_numpy((_widths(labels, splats) < below)[labels])
+
+
+def _widths(labels: NDArray[np.int64], splats: GaussianSplats) -> NDArray[np.float64]:
+    """The longest sides of the boxes around clusters (C,), of the labels (N,) of their splats."""
+    means = splats.means.detach().double().cpu().numpy()
     order = np.argsort(labels, kind="stable")
     starts = np.flatnonzero(np.diff(labels[order], prepend=-1))
     sizes = np.maximum.reduceat(means[order], starts) - np.minimum.reduceat(means[order], starts)
-    return torch.from_numpy((sizes.max(axis=1) < below)[labels])
+    widths: NDArray[np.float64] = sizes.max(axis=1)
+    return widths
 
 
 def _percentages(shares: NDArray[np.float64], most: int = 5) -> str:

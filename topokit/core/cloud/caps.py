@@ -78,6 +78,15 @@ def planar_caps(layer: OrientedLayer, lids: Iterable[Floats]) -> tuple[Floats, F
     return found.points[first:], found.normals[first:]
 
 
+def flat_share(triangles: Floats, spacing: float) -> float:
+    """The share of a lid's area, of triangles (F, 3, 3), near the plane that supports it, where a cap is looked for."""
+    a, b, c = triangles.swapaxes(0, 1)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    heights = triangles @ _outward(triangles, np.unique(triangles.reshape(-1, 3), axis=0), spacing)
+    is_near = heights.min(1) > heights.max() - _NEAR * spacing
+    return float(areas[is_near].sum() / max(float(areas.sum()), np.finfo(float).tiny))
+
+
 def _outward(triangles: Floats, corners: Floats, spacing: float) -> Floats:
     """The outward normal (3,) of the plane that supports a lid, of which the corners (N, 3) are given, too.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -88,10 +88,6 @@ class OpacityReading:
     surface: TriangleSurface | None
     resolution: float
     seconds: float
-
-
-ReadOpacity = Callable[[float | None], OpacityReading | None]
-"""What reads the solid of some Gaussians, given a width: None if features so narrow surely cannot be seen."""
 
 
 class _Solid(NamedTuple):

@@ -17,10 +17,9 @@ from topokit.adapters.voxels.field import VoxelField
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import occupied_box
-from topokit.core.grid.placement import Index, Placement
 from topokit.core.grid.tiles import tiles_of
-from topokit.core.homotopy.simplified import Step, Way, simplified
-from topokit.core.removal import Removal
+from topokit.core.homotopy.simplified import Step, Way, changed_voxels, simplified
+from topokit.core.removal import KINDS, Removal
 from topokit.core.scale.widths import SurfaceWidths
 from topokit.errors import InputError
 from topokit.report.simplification import Simplification
@@ -43,9 +42,9 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
         InputError: if the shape was not made from a volume in memory or a function, is cut out of a larger body, or all
             of it is narrower.
     """
-    if shape.counted is not None and shape.counted.cut_out_euler is not None:
-        raise InputError(f'{shape.name} is cut out of a larger body: open it with edges="solid" to change it.')
     field = voxel_field(shape)
+    if field.is_cut_out:
+        raise InputError(f'{shape.name} is cut out of a larger body: open it with edges="solid" to change it.')
     inside = field.is_inside(field.volume).cpu().numpy()
     spacing = field.grid.spacing
     margin = [_MARGIN + int(np.ceil(below / step)) for step in spacing]
@@ -58,7 +57,9 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
         return lambda voxels: balls.at(voxels + low)
 
     origin = np.asarray(field.grid.origin) + low * spacing
-    part, steps = simplified(*(inside[box], _cost(field, box), below, ways, widths, field.connectivity, spacing))
+    part, steps, before = simplified(
+        *(inside[box], _cost(field, box), below, ways, widths, field.connectivity, spacing)
+    )
     if not part.any():
         raise InputError(
             f"{shape.name}: every part is narrower than {below:g}, so that nothing would be left: "
@@ -68,11 +69,13 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
     after[box] = part
     result = with_solid(shape, field, inside, after)
     removals = tuple(sorted(_removals(steps, origin, spacing), key=lambda one: (one.width, one.place)))
-    before, counted = (one.report().solid_betti for one in (shape, result))
-    changed = int((after != inside).sum())
-    if before is None or counted is None:
-        raise AssertionError(f"{shape.name}: a volume has no Betti numbers")
-    done = Simplification(below, removals, before, counted, changed, "voxel")
+    counted = result.report().solid_betti
+    expected = [*before]
+    for one in removals:
+        expected[KINDS.index(one.kind)] -= 1
+    if counted is None or tuple(counted) != tuple(expected):
+        raise AssertionError(f"{shape.name}: {expected} was expected of what was removed, {counted} was counted")
+    done = Simplification(below, removals, before, counted, len(changed_voxels(steps)), "voxel")
     return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 
@@ -125,26 +128,16 @@ def with_solid(shape: Shape, field: VoxelField, before: Booleans, after: Boolean
     """
     volume = field.volume.detach()
     values = with_values_of_the_nearest(volume.cpu().numpy(), before, after)
-    placement = placement_of(shape, field)
     solid = Solid(None if field.is_binary else field.level, field.labels, field.connectivity)
-    first = first_voxel(placement, field)
-    made = shape_in_memory(shape.name, torch.from_numpy(values).to(volume), placement, solid, _SAMPLING, first)
+    first, given = field.placement.voxel(field.grid.origin), torch.from_numpy(values).to(volume)
+    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first)
     return made.replace(notes=shape.notes, n_neighbors=shape.n_neighbors)
-
-
-def placement_of(shape: Shape, field: VoxelField) -> Placement:
-    """Where the voxels of a shape's volume are, or of the whole volume that it is a box of."""
-    found = None if shape.counted is None else shape.counted.placement
-    return found or Placement(field.grid.spacing, field.grid.origin)
-
-
-def first_voxel(placement: Placement, field: VoxelField) -> Index:
-    """The index in the whole volume of the first voxel of a field, which may be that of a label's box."""
-    return placement.voxel(field.grid.origin)
 
 
 def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, after: Booleans) -> NDArray[Any]:
     """The volume with new values where two solids differ: those of the nearest voxel on the other side."""
+    if volume.dtype == bool:
+        return np.logical_xor(volume, before != after)
     values = volume.copy()
     voxels = np.argwhere(before != after)
     for first, rows in tiles_of(voxels, _TILE):

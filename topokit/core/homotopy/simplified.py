@@ -22,7 +22,7 @@ from topokit.core.homotopy.layer import layer_around
 from topokit.core.homotopy.narrow import around_narrow_places, margins
 from topokit.core.homotopy.simple_points import Counts
 from topokit.core.homotopy.zone import Zone
-from topokit.core.removal import How, Kind
+from topokit.core.removal import KINDS, How, Kind
 
 Way = tuple[Kind, How]
 Betti = tuple[int, int, int]
@@ -36,7 +36,6 @@ _WAYS: Mapping[tuple[bool, int], Way] = {  # by whether voxels are added, and by
     (False, 2): ("part", "dropped"),
 }
 _SIGNS: Mapping[Kind, int] = {"part": -1, "tunnel": 1, "cavity": -1}  # of the change of the solid's χ
-_ROW: Mapping[Kind, int] = {"part": 0, "tunnel": 1, "cavity": 2}
 _HALF_DIAGONAL = 0.87  # of a voxel: by so much distances between centers exceed those to the surface
 
 
@@ -120,7 +119,7 @@ def simplified(
     widths: Callable[[Integers], Widths],
     connectivity: int,
     spacing: tuple[float, float, float],
-) -> tuple[Booleans, list[Step]]:
+) -> tuple[Booleans, list[Step], Betti]:
     """A solid without the features narrower than a width, as far as ways to remove them are allowed.
 
     Args:
@@ -133,7 +132,7 @@ def simplified(
         spacing: size of a voxel along each axis.
 
     Returns:
-        (X, Y, Z) and the steps that lead to it, each of which was counted.
+        (X, Y, Z), the steps that lead to it, each of which was counted, and the Betti numbers of the solid before.
     """
     asked = _Wanted(None, below, ways, connectivity, spacing)
     sides = [(n, n) for n in margins(asked.reach, spacing)]
@@ -142,9 +141,9 @@ def simplified(
     volume = _volume(np.pad(inside, sides), asked)
     counted = _counted(volume, int(solid_euler(inside, connectivity=connectivity)), connectivity)
     beside = 2 * int(np.ceil(asked.reach / min(spacing)))
-    cells, taken = volume.zone.voxels, list[Step]()
+    cells, taken, before = volume.zone.voxels, list[Step](), counted.betti
     while len(cells):
-        current = widths(_changed(taken) - volume.margins)
+        current = widths(changed_voxels(taken) - volume.margins)
         found = [s for is_added in (False, True) for s in _steps(volume, counted, is_added, cells, asked, current)]
         found.sort(key=lambda step: _cost(step, volume, asked.cost))
         done, counted = _taken(volume, found, counted, connectivity)
@@ -152,19 +151,19 @@ def simplified(
         cells = _near(volume, [step.voxels for step in found] if done else [], beside)
     inner = tuple(slice(n, size - n) for n, size in zip(volume.margins, volume.shape, strict=True))
     mended: Booleans = volume.solid.view(bool).reshape(volume.shape)[inner].copy()
-    return mended, [_moved(step, volume.margins) for step in taken]
+    return mended, [_moved(step, volume.margins) for step in taken], before
 
 
 def _volume(solid: Booleans, asked: _Wanted) -> _Volume:
     """A solid with a zone around its narrow places, whether they are in the background or in the solid itself."""
     around, connectivity = margins(asked.reach, asked.spacing), asked.connectivity
     zone = Zone(solid, around_narrow_places(solid, asked.reach, asked.spacing, connectivity), connectivity)
-    ranks = np.full(solid.size, -1, dtype=np.int32)
+    ranks = np.full(zone.n_nodes, -1, dtype=np.int32)
     own, other = (one.ravel().view(np.int8) for one in (solid, ~solid))
     return _Volume(own, other, solid.shape, around, zone, ranks)
 
 
-def _changed(steps: list[Step]) -> Integers:
+def changed_voxels(steps: list[Step]) -> Integers:
     """The voxels (N, 3) that are on another side after some steps; one of two steps is on the side where it was."""
     voxels = np.concatenate([np.empty((0, 3), dtype=np.int64), *(step.voxels for step in steps)])
     once, counts = np.unique(voxels, axis=0, return_counts=True)
@@ -183,7 +182,7 @@ def _steps(
 
     own = volume.solid if is_added else volume.background
     zone, ranks = volume.zone, volume.ranks
-    layer = layer_around(own, cells[own[cells] == 0], ranks, zone.around, asked.reach, asked.spacing)
+    layer = layer_around(own, cells[own[cells] == 0], zone, ranks, asked.reach, asked.spacing)
     connectivity = asked.connectivity if is_added else dual_connectivity(asked.connectivity)
     growth = Growth(own, volume.shape, zone, ranks, connectivity)
     known = counted.regions if is_added else counted.regions[::-1]
@@ -227,7 +226,7 @@ def _taken(volume: _Volume, steps: list[Step], before: _Counted, connectivity: i
         is_changed[tuple(step.voxels.T)] = True
         done.append(step)
         euler += step.euler
-        np.subtract.at(expected, [_ROW[kind] for kind, _ in step.ways], 1)
+        np.subtract.at(expected, [KINDS.index(kind) for kind, _ in step.ways], 1)
     if not done:
         return [], before
     after = _counted(volume, euler, connectivity)

@@ -13,7 +13,7 @@ from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import root_of
 from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
 from topokit.core.homotopy.runs import ELSEWHERE, labeled
-from topokit.core.homotopy.simple_points import Counts, Indices, code_at, component, touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, touching
 
 
 class Zone:
@@ -24,6 +24,7 @@ class Zone:
         nodes: (M,) of all voxels, a number of its own for each voxel of the zone, and one for each region outside of
             it.
         n_outside: number of regions outside.
+        n_nodes: numbers from 0 on that there are in all.
         around: (27,) steps to the neighbors of a voxel.
     """
 
@@ -35,7 +36,8 @@ class Zone:
         self.nodes, self._states = labeled(states, connectivity)
         self.n_outside = len(self._states) - 1
         self.nodes[voxels] = np.arange(len(voxels)) + len(self._states)
-        self._clusters = np.arange(self.n_outside + len(voxels) + 1, dtype=np.int32)
+        self.n_nodes = self.n_outside + len(voxels) + 1
+        self._clusters = np.arange(self.n_nodes, dtype=np.int32)
         _cluster(voxels, self.nodes, self.n_outside, self.around, self._clusters)
 
     def forest(self, inside: Counts, phase: int, connectivity: int) -> Nodes:
@@ -46,19 +48,28 @@ class Zone:
             phase: 1 for the solid, 0 for the background.
             connectivity: 6 or 26, that of the phase.
         """
-        parents = np.arange(self.n_outside + len(self.voxels) + 1, dtype=np.int32)
-        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self.around, connectivity, parents)
+        parents = np.arange(self.n_nodes, dtype=np.int32)
+        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self._steps(connectivity), parents)
         return parents
 
     def join(self, parents: Nodes, inside: Counts, phase: int, voxels: Indices, connectivity: int) -> None:
         """Add some voxels (N,) of a phase to its forest."""
-        _unite(inside, phase, voxels, self.nodes, len(self.nodes), self.around, connectivity, parents)
+        _unite(inside, phase, voxels, self.nodes, self.n_nodes, self._steps(connectivity), parents)
+
+    def _steps(self, connectivity: int) -> Integers:
+        """Steps to the voxels around one that it is joined to."""
+        return self.around[np.abs(OFFSETS).sum(axis=1) == 1] if connectivity == 6 else np.delete(self.around, 13)
+
+    def part_of(self, voxels: Indices) -> Nodes:
+        """A number (N,) for the part of the zone that each of some voxels is in; parts do not touch by corners."""
+        parts: Nodes = self._clusters[self.nodes[voxels]]
+        return parts
 
     def are_with(self, voxels: Indices, others: Indices) -> Booleans:
         """Which voxels (N,) of the zone are in one part of it, joined also by corners, with one of others (M,)."""
         has_other = np.zeros(len(self._clusters), dtype=bool)
-        has_other[self._clusters[self.nodes[others]]] = True
-        return has_other[self._clusters[self.nodes[voxels]]]
+        has_other[self.part_of(others)] = True
+        return has_other[self.part_of(voxels)]
 
     def counts(self, inside: Counts, solid: Nodes, background: Nodes) -> tuple[int, int]:
         """Numbers of regions of the solid and of the background, given their forests."""
@@ -73,20 +84,19 @@ def _unite(
     voxels: Indices,
     nodes: Nodes,
     n_outside: int,
-    around: Integers,
-    connectivity: int,
+    steps: Integers,
     parents: Nodes,
 ) -> None:
-    """Join the nodes of voxels of a phase with those around; of two above `n_outside` the later one does it."""
+    """Join voxels of a phase with those some steps away; of two nodes above `n_outside` the later one does it."""
     for voxel in voxels:
         if inside[voxel] != phase:
             continue
         root = root_of(parents, nodes[voxel])
-        for k in range(27):
-            if connectivity == 6 and k not in (4, 10, 12, 14, 16, 22):
+        for k in range(len(steps)):
+            other = voxel + steps[k]
+            if inside[other] != phase or (steps[k] > 0 and nodes[other] > n_outside):
                 continue
-            other = voxel + around[k]
-            if inside[other] != phase or (k > 13 and nodes[other] > n_outside):
+            if parents[nodes[other]] == root:
                 continue
             found = root_of(parents, nodes[other])
             if found != root:

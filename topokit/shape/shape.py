@@ -64,6 +64,7 @@ class Shape:
         curve: counts the solids over all levels, given the levels of `euler_curve`, if the shape has no field.
         opacity: reads the solid that cannot be seen into, which is asked where samples alone are unsure.
         field: the scalar field that defines the shape, on its own grid, or None.
+        stored: the volume of a shape that is counted block by block, for what changes it, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
@@ -77,6 +78,7 @@ class Shape:
     """
 
     field: Field | None
+    stored: object
     mesh: tuple[Tensor, Tensor] | None
     name: str
     notes: tuple[str, ...]
@@ -101,6 +103,7 @@ class Shape:
         curve: Callable[[Levels], EulerCurve] | None = None,
         opacity: ReadOpacity | None = None,
         field: Field | None = None,
+        stored: object = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
@@ -114,6 +117,7 @@ class Shape:
         _ = known.samples_so_far  # checked now, if they are known
         self.__dict__.update(  # attributes cannot be set one by one, see __setattr__
             field=field,
+            stored=stored,
             mesh=mesh,
             name=name,
             notes=notes,
@@ -199,6 +203,7 @@ class Shape:
             curve=self._curve,
             opacity=self._opacity,
             field=self.field,
+            stored=self.stored,
             mesh=mesh,
             name=self.name,
             notes=self.notes,

@@ -18,7 +18,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -91,19 +91,24 @@ def closing(
     widths: Widths,
     wanted: Callable[[int, Floats], Booleans],
     cost: Floats | None,
-) -> list[Patch]:
+) -> tuple[list[Patch], list[Filled]]:
     """The patches that fill gaps, tunnels and cavities of a solid; any choice of them may be applied.
 
     Args:
         growth: the solid.
-        known: forests of the solid and of its background; see `Zone.forest`.
+        known: forests of the solid and of its background; see `Zone.forest`. Of a block, regions of the solid that
+            reach where the volume goes on are joined, those of the background are not: what is filled then is settled
+            whatever is there.
         layer: the voxels that may be filled, see `layer_around`.
         widths: of places, given by their indices (N, 3).
         wanted: which classes of a dimension and of some widths (N,) are filled.
         cost: (M,), what it costs to fill each voxel; None if all cost the same.
+
+    Returns:
+        The patches, and places of a block that might be filled, depending on what is beyond it.
     """
     own, shape, zone, _, connectivity = growth
-    found = _filled(growth, known, layer, widths, wanted)
+    found, unsettled = _filled(growth, known, layer, widths, wanted)
     places = np.array([one.voxel for one in found], dtype=np.int64).reshape(-1, 3)
     grown = layer.voxels[own[layer.voxels] != 0]
     grown = grown[zone.are_with(grown, np.atleast_1d(np.ravel_multi_index(tuple(places.T), shape)))]
@@ -124,13 +129,13 @@ def closing(
         ]
         if filled and len(filled) == sum(map(abs, counts)):
             patches.append(Patch(voxels, tuple(filled)))
-    return patches
+    return patches, unsettled
 
 
 def _filled(
     growth: Growth, known: Forests, layer: Layer, widths: Widths, wanted: Callable[[int, Floats], Booleans]
-) -> list[Filled]:
-    """Let the solid grow and fill what is wanted, until no class ends any more."""
+) -> tuple[list[Filled], list[Filled]]:
+    """Let the solid grow and fill what is wanted, until no class ends any more; and what is not settled in a block."""
     own, shape, zone, ranks, connectivity = growth
     own[layer.voxels] = 1
     beyond = zone.forest(own, 0, dual_connectivity(connectivity))
@@ -144,18 +149,28 @@ def _filled(
         waiting = waiting.those(own[waiting.voxels] == 0)
         candidates = _candidates(growth, waiting)
         if all(np.isin(*pair).all() for pair in zip(candidates, tried, strict=True)):
-            return found
+            break
         tried = candidates
-        new = []
-        for dimension, ends in enumerate(_ends(growth, (parts, beyond), waiting.voxels, candidates)):
-            places = np.stack(np.unravel_index(ends, shape), axis=1)
-            sizes = widths(places) if len(places) else np.empty(0)
-            rows = np.flatnonzero(wanted(dimension, sizes))
-            new += [(int(ends[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+        new = _wanted(_ends(growth, (parts, beyond), waiting.voxels, candidates), shape, widths, wanted)
         filled = [one for voxel, one in new if _fills(growth, parts, voxel, one.dimension)]
         if not filled:
-            return found
+            break
         found += filled
+    others = _unsettled(growth, (parts, beyond), waiting.voxels, candidates) if zone.is_open else ()
+    return found, [one for _, one in _wanted(others, shape, widths, wanted)]
+
+
+def _wanted(
+    ends: Iterable[Indices], shape: Shape, widths: Widths, wanted: Callable[[int, Floats], Booleans]
+) -> list[tuple[int, Filled]]:
+    """Those voxels at which classes of each dimension end that are to be filled, and what that fills."""
+    found = []
+    for dimension, voxels in enumerate(ends):
+        places = np.stack(np.unravel_index(voxels, shape), axis=1)
+        sizes = widths(places) if len(places) else np.empty(0)
+        rows = np.flatnonzero(wanted(dimension, sizes))
+        found += [(int(voxels[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+    return found
 
 
 def _candidates(growth: Growth, waiting: Layer) -> Candidates:
@@ -190,6 +205,16 @@ def _ends(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidate
         own[across] = 0
         across = across[::-1][joined < 0]
     return between, across, last
+
+
+def _unsettled(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidates) -> tuple[Indices, Indices]:
+    """Other candidates than those of `_ends` at which a class would end if what is beyond the block were otherwise."""
+    own, _, zone, _, connectivity = growth
+    otherwise = zone.forest(own, 1, connectivity), zone.with_outside(rest[1], own, 0)
+    settled = _ends(growth, rest, waiting, candidates)
+    others = _ends(growth, otherwise, waiting, candidates)
+    between, across = (one[~np.isin(one, known)] for one, known in zip(others[:2], settled[:2], strict=True))
+    return between, across
 
 
 def _fills(growth: Growth, parts: Nodes, voxel: int, dimension: int) -> bool:

@@ -10,10 +10,15 @@ import numpy as np
 
 from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.blocks.planes import root_of
+from topokit.core.blocks.planes import root_of, unite
 from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
 from topokit.core.homotopy.runs import ELSEWHERE, labeled
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, touching
+
+Ends = tuple[tuple[bool, bool], tuple[bool, bool], tuple[bool, bool]]
+"""For each axis, whether the volume goes on before the first layer of a block, and after the last one."""
+
+CLOSED: Ends = ((False, False), (False, False), (False, False))
 
 
 class Zone:
@@ -28,13 +33,21 @@ class Zone:
         around: (27,) steps to the neighbors of a voxel.
     """
 
-    def __init__(self, solid: Booleans, voxels: Integers, connectivity: int) -> None:
-        """Args: solid (X, Y, Z); voxels (N,): ascending flat indices; connectivity: 6 or 26, that of the solid."""
+    def __init__(self, solid: Booleans, voxels: Integers, connectivity: int, ends: Ends = CLOSED) -> None:
+        """Take a solid.
+
+        Args:
+            solid: (X, Y, Z).
+            voxels: (N,) of the zone, ascending flat indices, none of them in an end layer.
+            connectivity: 6 or 26, that of the solid.
+            ends: at which of its ends the volume goes on.
+        """
         self.voxels, self.around = voxels, strides_around(solid.shape)
         states = solid.astype(np.uint8)
         states.ravel()[voxels] = ELSEWHERE
         self.nodes, self._states = labeled(states, connectivity)
         self.n_outside = len(self._states) - 1
+        self._open = _at_ends(self.nodes, solid.shape, ends)
         self.nodes[voxels] = np.arange(len(voxels)) + len(self._states)
         self.n_nodes = self.n_outside + len(voxels) + 1
         self._clusters = np.arange(self.n_nodes, dtype=np.int32)
@@ -52,6 +65,16 @@ class Zone:
         _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self._steps(connectivity), parents)
         return parents
 
+    def with_outside(self, parents: Nodes, inside: Counts, phase: int) -> Nodes:
+        """The forest of a phase if all its regions that reach where the volume goes on are joined there."""
+        at_ends = self.nodes[self._open[inside[self._open] == phase]]
+        if len(at_ends) < 2:
+            return parents
+        joined = parents.copy()
+        for node in at_ends[1:]:
+            unite(joined, int(at_ends[0]), int(node))
+        return joined
+
     def join(self, parents: Nodes, inside: Counts, phase: int, voxels: Indices, connectivity: int) -> None:
         """Add some voxels (N,) of a phase to its forest."""
         _unite(inside, phase, voxels, self.nodes, self.n_nodes, self._steps(connectivity), parents)
@@ -59,6 +82,11 @@ class Zone:
     def _steps(self, connectivity: int) -> Integers:
         """Steps to the voxels around one that it is joined to."""
         return self.around[np.abs(OFFSETS).sum(axis=1) == 1] if connectivity == 6 else np.delete(self.around, 13)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether any region reaches where the volume goes on."""
+        return len(self._open) > 0
 
     def part_of(self, voxels: Indices) -> Nodes:
         """A number (N,) for the part of the zone that each of some voxels is in; parts do not touch by corners."""
@@ -75,6 +103,18 @@ class Zone:
         """Numbers of regions of the solid and of the background, given their forests."""
         states, own = np.concatenate((self._states, inside[self.voxels])), np.arange(len(solid))
         return int(((solid == own) & (states == 1)).sum()), int(((background == own) & (states == 0)).sum())
+
+
+def _at_ends(nodes: Nodes, shape: tuple[int, ...], ends: Ends) -> Integers:
+    """A voxel (K,) of each region that is in those end layers of a block where the volume goes on."""
+    found = np.empty(0, dtype=np.int64)
+    for axis, both in enumerate(ends):
+        for place, goes_on in zip((0, shape[axis] - 1), both, strict=True):
+            if goes_on:
+                sides = [np.arange(n) if k != axis else np.array([place]) for k, n in enumerate(shape)]
+                found = np.concatenate((found, np.ravel_multi_index(np.ix_(*sides), shape).ravel()))
+                found = found[np.unique(nodes[found], return_index=True)[1]]
+    return found
 
 
 @compiled

@@ -174,7 +174,7 @@ def simplified(
     if cost is not None:
         asked = asked._replace(cost=np.pad(cost, sides).ravel())
     x, y, z = (n for n, _ in sides)
-    volume = _volume(np.pad(inside, sides), (x, y, z), asked, ends)
+    volume = _volume(np.ascontiguousarray(np.pad(inside, sides)), (x, y, z), asked, ends)
     counted = _counted(volume, int(solid_euler(inside, connectivity=connectivity)), connectivity)
     beside = 2 * int(np.ceil(asked.reach / min(spacing)))
     cells, taken, before = volume.zone.voxels, list[Step](), counted.betti

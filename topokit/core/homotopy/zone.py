@@ -43,7 +43,7 @@ class Zone:
             ends: at which of its ends the volume goes on.
         """
         self.voxels, self.around = voxels, strides_around(solid.shape)
-        states = solid.astype(np.uint8)
+        states = np.array(solid, dtype=np.uint8, order="C")  # also of a solid whose first axis varies fastest
         states.ravel()[voxels] = ELSEWHERE
         self.nodes, self._states = labeled(states, connectivity)
         self.n_outside = len(self._states) - 1

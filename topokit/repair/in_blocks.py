@@ -55,20 +55,21 @@ def simplified_in_blocks(
     steps = stored.grid.spacing
     around = [max(_OVERLAP, _WIDTHS * int(np.ceil(below / step))) for step in steps]
     removals, unsettled, changed = list[Removal](), list[Unsettled](), np.empty(0, dtype=np.int64)
+    narrowest = np.inf
     with stored_copy(out, volume) as copy:
         with progress_bar([shape.name]), stages({_STAGE: 1.0}):
             begin(_STAGE)
             cores = Division.even(volume.shape, stored.blocks.most_voxels).boxes
             for number, core in enumerate(cores):
-                more, left, flipped = _mended(copy, stored, core, around, below, ways)
-                removals, unsettled = removals + more, unsettled + left
+                more, left, flipped, wider = _mended(copy, stored, core, around, below, ways)
+                removals, unsettled, narrowest = removals + more, unsettled + left, min(narrowest, wider)
                 changed = np.setxor1d(changed, np.ravel_multi_index(tuple(flipped.T), volume.shape))
                 advance((number + 1) / len(cores))
         answer = _shape_of(shape, stored, copy.path).counted
     made = _shape_of(shape, stored, Path(out), answer)
     left_over = tuple(sorted(unsettled, key=lambda one: (one.width, one.place)))
     after = made.report().solid_betti
-    done = counted_simplification(shape.name, below, removals, before, after, len(changed), left_over)
+    done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, left_over)
     return made.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 
@@ -85,8 +86,12 @@ def _shape_of(shape: Shape, stored: StoredSolid, path: Path, answer: CountedAnsw
 
 def _mended(
     copy: StoredCopy, stored: StoredSolid, core: Box, around: list[int], below: float, ways: frozenset[Way]
-) -> tuple[list[Removal], list[Unsettled], Integers]:
-    """Mend the core of a block in a copy: what was removed, what is not settled, and the voxels (N, 3) that changed."""
+) -> tuple[list[Removal], list[Unsettled], Integers, float]:
+    """Mend the core of a block in a copy.
+
+    Returns:
+        What was removed, what is not settled, the voxels (N, 3) that changed, and `Simplified.narrowest`.
+    """
     shape, spacing = stored.blocks.volume.shape, stored.grid.spacing
     x, y, z = ((max(a - more, 0), min(b + more, n)) for (a, b), more, n in zip(core, around, shape, strict=True))
     low = np.array([a for a, _ in (x, y, z)])
@@ -95,7 +100,7 @@ def _mended(
     field = _field_of(values, stored, origin)
     inside = field.is_inside(field.volume).numpy()
     if inside.all() or not inside.any():
-        return [], [], np.empty((0, 3), dtype=np.int64)
+        return [], [], np.empty((0, 3), dtype=np.int64), np.inf
     ends_x, ends_y, ends_z = ((a > 0, b < n) for (a, b), n in zip((x, y, z), shape, strict=True))
     core_x, core_y, core_z = ((a - first, b - first) for (a, b), first in zip(core, low.tolist(), strict=True))
     block = Block((ends_x, ends_y, ends_z), (core_x, core_y, core_z))
@@ -111,7 +116,7 @@ def _mended(
     for (kind, _), one in found.unsettled:
         px, py, pz = (origin + one.voxel * spacing).tolist()
         left.append(Unsettled(kind, one.width, (px, py, pz)))
-    return removals_of(found.steps, origin, spacing), left, changed + low
+    return removals_of(found.steps, origin, spacing), left, changed + low, found.narrowest
 
 
 def _field_of(values: NDArray[Any], stored: StoredSolid, origin: Floats) -> VoxelField:

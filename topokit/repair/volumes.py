@@ -58,7 +58,9 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
     result = with_solid(shape, field, inside, after)
     removals = removals_of(found.steps, np.asarray(field.grid.origin) + low * field.grid.spacing, field.grid.spacing)
     changed = len(changed_voxels(found.steps))
-    done = counted_simplification(shape.name, below, removals, found.before, result.report().solid_betti, changed)
+    done = counted_simplification(
+        shape.name, below, removals, found.before, result.report().solid_betti, changed, found.narrowest
+    )
     return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 
@@ -103,6 +105,7 @@ def counted_simplification(
     before: Betti,
     after: Betti | None,
     changed: int,
+    narrowest: float,
     unsettled: tuple[Unsettled, ...] = (),
 ) -> Simplification:
     """What was done to a volume, narrowest first, held against counts."""
@@ -112,7 +115,8 @@ def counted_simplification(
     if after is None or tuple(after) != tuple(expected):
         raise AssertionError(f"{name}: {expected} was expected of what was removed, {after} was counted")
     in_order = tuple(sorted(removals, key=lambda one: (one.width, one.place)))
-    return Simplification(below, in_order, before, after, changed, "voxel", unsettled=unsettled)
+    seen = narrowest if narrowest < np.inf else None
+    return Simplification(below, in_order, before, after, changed, "voxel", unsettled=unsettled, narrowest=seen)
 
 
 def voxel_field(shape: Shape) -> VoxelField:

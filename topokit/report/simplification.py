@@ -43,6 +43,8 @@ class Simplification:
         filled: boundary loops of a mesh that were filled first.
         unsettled: narrow places of a volume in blocks that were left because no block shows whether they are features,
             narrowest first.
+        narrowest: width of the narrowest feature that was seen and stays, as far as the search came: loops of a mesh up
+            to four widths around; in volumes those up to a voxel wider than asked, of which it is a lower bound.
     """
 
     below: float
@@ -53,6 +55,7 @@ class Simplification:
     unit: Unit
     filled: int = 0
     unsettled: tuple[Unsettled, ...] = ()
+    narrowest: float | None = None
 
     def summary(self) -> str:
         """The numbers before and after, in one sentence, or that nothing was removed."""
@@ -62,7 +65,8 @@ class Simplification:
         filled = f"{plural(self.filled, 'boundary loop')} filled. " if self.filled else ""
         left = f" {plural(len(self.unsettled), 'narrow place')} not settled in a block." if self.unsettled else ""
         if not self.removals:
-            return f"{filled}Nothing below {self.below:.4g} was found that may be removed: {after}.{left}"
+            seen = f" The narrowest that was seen is {self.narrowest:.3g} wide." if self.narrowest else ""
+            return f"{filled}Nothing below {self.below:.4g} was found that may be removed: {after}.{seen}{left}"
         changed = f"{plural(self.changed, self.unit)} changed"
         return f"{filled}Simplified below {self.below:.4g}: {after} (before: {before}), {changed}.{left}"
 

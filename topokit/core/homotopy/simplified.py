@@ -88,6 +88,7 @@ class Simplified(NamedTuple):
         solid: (X, Y, Z).
         steps: that lead to it, each of which was counted.
         before: Betti numbers of the solid before.
+        narrowest: lower bound of the widths of features that were seen and are not narrower; infinite if none was.
         unsettled: of a block, narrow places in its core which may or may not be features, depending on what is beyond
             the block, and what they would be.
     """
@@ -95,6 +96,7 @@ class Simplified(NamedTuple):
     solid: Booleans
     steps: list[Step]
     before: Betti
+    narrowest: float
     unsettled: list[tuple[Way, Filled]]
 
 
@@ -132,13 +134,14 @@ class _Volume(NamedTuple):
 
 
 class _Wanted(NamedTuple):
-    """What `simplified` is asked for."""
+    """What `simplified` is asked for, and the widths of features that are seen and not narrower."""
 
     cost: Floats | None
     below: float
     ways: frozenset[Way]
     connectivity: int
     spacing: tuple[float, float, float]
+    wider: list[float]
 
     @property
     def reach(self) -> float:
@@ -168,7 +171,7 @@ def simplified(
         spacing: size of a voxel along each axis.
         block: what part of a larger volume this is; None if it is the whole.
     """
-    asked = _Wanted(None, below, ways, connectivity, spacing)
+    asked = _Wanted(None, below, ways, connectivity, spacing, [np.inf])
     ends = CLOSED if block is None else block.ends
     sides = [(n * (not a), n * (not b)) for n, (a, b) in zip(margins(asked.reach, spacing), ends, strict=True)]
     if cost is not None:
@@ -195,7 +198,7 @@ def simplified(
     mended: Booleans = volume.solid.view(bool).reshape(volume.shape)[inner].copy()
     rest = [(way, one._replace(voxel=one.voxel - volume.first)) for way, one in unsettled or []]
     rest = [(way, one) for way, one in rest if block is None or block.has((one,))]
-    return Simplified(mended, [_moved(step, volume.first) for step in taken], before, rest)
+    return Simplified(mended, [_moved(step, volume.first) for step in taken], before, min(asked.wider), rest)
 
 
 def _volume(solid: Booleans, first: tuple[int, int, int], asked: _Wanted, ends: Ends) -> _Volume:
@@ -222,6 +225,7 @@ def _steps(
         return [], []
 
     def wanted(dimension: int, sizes: Floats) -> Booleans:
+        asked.wider.append(float(sizes[sizes >= asked.below].min(initial=np.inf)))
         return (sizes < asked.below) & (_WAYS[is_added, dimension] in asked.ways)
 
     own = volume.solid if is_added else volume.background

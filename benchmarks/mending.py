@@ -3,6 +3,7 @@
     python -m benchmarks.mending volumes 500 --morphology 60  # planted errors in vessels, sheets and organs
     python -m benchmarks.mending volume FILE.npz --below 3   # one volume ("vol", "spacing") against morphology
     python -m benchmarks.mending large 256 --errors 125      # few small errors in a large volume, against one count
+    python -m benchmarks.mending stored 1024 --errors 8000   # the same in a file, block by block
     python -m benchmarks.mending meshes 64 96 128 192        # noisy tori from marching cubes
 
 Every truth is wider than the width below which is mended, and every planted error narrower, so that the truth's Betti
@@ -15,9 +16,12 @@ from __future__ import annotations
 
 import argparse
 import resource
+import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from itertools import pairwise
+from itertools import pairwise, product
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,6 +238,32 @@ def large(size: int, n_errors: int, repeats: int) -> None:
         print(f"  {summary} Most memory so far: {peak:.1f} GiB")
 
 
+def stored(size: int, n_errors: int) -> None:
+    """Mending of a sponge in a file, block by block; the sponge repeats after 256 voxels."""
+    draw = np.random.default_rng(0)
+    tile = smooth(256, draw).astype(np.uint8)
+    with tempfile.TemporaryDirectory() as name:
+        source, result = Path(name) / "sponge.npy", Path(name) / "mended.npy"
+        volume = np.lib.format.open_memmap(source, "w+", np.uint8, (size,) * 3)
+        for x, y, z in product(range(0, size, 256), repeat=3):
+            volume[x : x + 256, y : y + 256, z : z + 256] = tile
+        volume[tuple(draw.integers(0, size, (3, n_errors)))] ^= 1
+        volume.flush()
+        del volume
+        shape = tk.from_voxels(source, block_voxels=1 << 24)
+        begin = time.process_time()
+        shape.report()
+        counting = time.process_time() - begin
+        begin = time.process_time()
+        made = shape.simplify(below=2.0, out=result)
+        seconds = time.process_time() - begin
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"{size}³, {n_errors} errors: {seconds:.0f} CPU s, one count {counting:.1f}. Most memory: {peak:.2f} GiB")
+    print(f"  {made.simplification.summary()}")
+    print(f"  removed: {Counter((one.kind, one.how) for one in made.simplification.removals)}")
+    print(f"  not settled: {Counter((one.kind, round(one.width, 1)) for one in made.simplification.unsettled)}")
+
+
 def noisy_torus(size: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """The largest component of a torus with noise of the same number of voxels at every size."""
     axis = np.linspace(-1, 1, size)
@@ -279,6 +309,9 @@ def main() -> None:
     many.add_argument("size", type=int)
     many.add_argument("--errors", type=int, required=True)
     many.add_argument("--repeats", type=int, default=3)
+    in_file = commands.add_parser("stored")
+    in_file.add_argument("size", type=int)
+    in_file.add_argument("--errors", type=int, required=True)
     commands.add_parser("meshes").add_argument("sizes", type=int, nargs="+")
     given = parser.parse_args()
     if given.command == "volumes":
@@ -287,6 +320,8 @@ def main() -> None:
         volume(given.path, given.below)
     elif given.command == "large":
         large(given.size, given.errors, given.repeats)
+    elif given.command == "stored":
+        stored(given.size, given.errors)
     else:
         meshes(given.sizes)
 

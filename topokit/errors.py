@@ -55,6 +55,18 @@ class NoSamplesError(InputError):
     """The shape has a report, but no samples: its volume is counted block by block and never held as a whole."""
 
 
+class Interrupted(KeyboardInterrupt):
+    """An interrupt of work of which a part was done.
+
+    Attributes:
+        shape: what it came to: a `Shape` that was counted, which the same call goes on with.
+    """
+
+    def __init__(self, shape: object) -> None:
+        super().__init__("interrupted; what was done is in the exception's shape")
+        self.shape = shape
+
+
 class ReadError(TopokitError, OSError):
     """A file is missing, unreadable, truncated or not what its content claims to be."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -10,14 +12,19 @@ from skimage.measure import marching_cubes
 
 import topokit as tk
 from topokit.core.handles.cycle_basis import edge_graph
-from topokit.core.handles.simplified import without_small_handles
+from topokit.core.handles.simplified import Round, without_small_handles
 from topokit.core.handles.small_loops import closed_form, small_loops
 from topokit.core.mesh.defects import intersecting_faces
 from topokit.core.mesh.topology import mesh_topology
-from topokit.errors import InputError
+from topokit.errors import InputError, Interrupted
 from topokit.testing import genus_mesh, icosphere, torus_mesh, torus_samples
 
 Mesh = tuple[np.ndarray, np.ndarray]
+
+
+def last(rounds: Iterator[Round]) -> Round:
+    *_, found = rounds
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,9 @@ def test_the_shortest_loops_are_those_around_the_tube() -> None:
 def test_noise_goes_and_the_meant_handle_stays(noisy_torus: Mesh) -> None:
     vertices, faces = noisy_torus
     before = mesh_topology(vertices, faces)
-    points, triangles, removals = without_small_handles(vertices, faces, 6.0, frozenset({"cut", "filled"}), True)
+    points, triangles, removals, _ = last(
+        without_small_handles(vertices, faces, 6.0, frozenset({"cut", "filled"}), True)
+    )
     after = mesh_topology(points, triangles)
     assert before.genus > 10
     assert (after.genus, after.is_closed, len(removals)) == (1, True, before.genus - 1)
@@ -69,8 +78,10 @@ def test_noise_goes_and_the_meant_handle_stays(noisy_torus: Mesh) -> None:
 
 
 def test_the_same_again_and_without_libigl_as_well(noisy_torus: Mesh) -> None:
-    first, second = (without_small_handles(*noisy_torus, 4.0, frozenset({"cut"}), check) for check in (True, False))
-    again = without_small_handles(*noisy_torus, 4.0, frozenset({"cut"}), False)
+    first, second = (
+        last(without_small_handles(*noisy_torus, 4.0, frozenset({"cut"}), check)) for check in (True, False)
+    )
+    again = last(without_small_handles(*noisy_torus, 4.0, frozenset({"cut"}), False))
     assert np.array_equal(second[0], again[0])
     assert np.array_equal(second[1], again[1])
     assert {one.how for one in (*first[2], *second[2])} == {"cut"}
@@ -138,3 +149,34 @@ def test_open_meshes_are_filled_first() -> None:
     filled = shape.fill_boundaries()
     assert filled.genus() == 2
     assert filled.simplify(below=1, components=False).genus() == 0
+
+
+def test_an_interrupt_leaves_what_was_mended(noisy_torus: Mesh, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = tk.from_mesh(*noisy_torus)
+    wanted = whole.simplify(below=6, components=False)
+    rounds = iter([small_loops, small_loops, None])
+
+    def interrupted(*args: object) -> object:
+        search = next(rounds)
+        if search is None:
+            raise KeyboardInterrupt
+        return search(*args)
+
+    monkeypatch.setattr("topokit.core.handles.simplified.small_loops", interrupted)
+    with pytest.raises(Interrupted) as stopped:
+        whole.simplify(below=6, components=False)
+    monkeypatch.undo()
+    part = stopped.value.shape
+    done = len(part.simplification.removals)
+    assert part.genus() == whole.genus() - done
+    assert done > 0
+    rest = part.simplify(below=6, components=False)
+    assert rest.genus() == wanted.genus() == 1
+    assert len(rest.simplification.removals) == part.genus() - 1
+
+
+def test_what_is_narrowest_is_said_where_nothing_is_narrower() -> None:
+    made = tk.from_mesh(torus_mesh(major=1.0, minor=0.3)).simplify(below=0.5)
+    assert made.simplification.removals == ()
+    assert made.simplification.narrowest == pytest.approx(0.6, abs=0.02)
+    assert "The narrowest that was seen is 0.597 wide." in made.simplification.summary()

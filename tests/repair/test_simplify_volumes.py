@@ -187,3 +187,20 @@ def test_where_nothing_is_narrow_the_summary_says_so() -> None:
     assert (done.removals, done.changed) == ((), 0)
     assert "Nothing below 0.5" in done.text()
     assert done.before == done.after == (2, 1, 0)
+
+
+def test_the_order_of_axes_in_memory_does_not_matter() -> None:
+    noise = gaussian_filter(np.random.default_rng(5).normal(size=(40, 36, 32)), 1.5)
+    volume = noise > 0.5 * noise.std()
+    one, other = (tk.from_voxels(made(volume)).simplify(below=3) for made in (np.ascontiguousarray, np.asfortranarray))
+    assert one.simplification == other.simplification
+    assert torch.equal(one.field.volume, other.field.volume)
+
+
+def test_what_is_narrowest_is_said_where_nothing_is_narrower() -> None:
+    plate = (abs(X - 14) <= 3) & ~((abs(Y - 14) < 2) & (abs(Z - 14) < 2))  # a hole three wide
+    done = tk.from_voxels(plate).simplify(below=2.5).simplification
+    assert done.removals == ()
+    assert 2.5 <= done.narrowest <= 3.1
+    assert "The narrowest that was seen" in done.summary()
+    assert tk.from_voxels(BODY).simplify(below=2.5).simplification.narrowest is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -137,8 +138,10 @@ def mend(
 
     def answer(shape: Shape, *_: object) -> str:
         keep = False if handles == "keep" else handles
-        made = shape.simplify(below=below, handles=keep, cavities=cavities, components=parts, boundaries=boundaries)
-        made.save(output)
+        asked = partial(shape.simplify, below=below, cavities=cavities, components=parts, boundaries=boundaries)
+        made = asked(handles=keep, out=None if shape.stored is None else output)
+        if shape.stored is None:
+            made.save(output)
         if made.simplification is None:
             raise AssertionError(f"{made.name}: nothing says what was removed")
         say(f"{output} was written.")

@@ -10,6 +10,9 @@ from topokit.core.components import Corner
 Kind = Literal["part", "tunnel", "cavity"]
 How = Literal["dropped", "joined", "cut", "filled", "opened"]
 
+KINDS: tuple[Kind, ...] = ("part", "tunnel", "cavity")
+"""In the order of Betti numbers."""
+
 
 @dataclass(frozen=True)
 class Removal:

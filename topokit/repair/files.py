@@ -12,7 +12,6 @@ from topokit.adapters.voxels.writing import WRITERS, write_volume
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError
 from topokit.inputs.writing import completed_file
-from topokit.repair.volumes import first_voxel, placement_of
 from topokit.shape import Shape
 
 MESHES = (".stl", ".ply", ".obj", ".off", ".glb")
@@ -30,7 +29,7 @@ def save(shape: Shape, path: str | os.PathLike[str]) -> None:
         suffix = _suffix(target, tuple(WRITERS), f"{shape.name} is a volume")
         values = shape.field.volume.detach().cpu().numpy()
         with completed_file(target) as unfinished:
-            write_volume(unfinished, suffix, values, _placement(shape, shape.field))
+            write_volume(unfinished, suffix, values, _placement(shape.field))
     else:
         raise InputError(
             f"{shape.name} is neither a mesh nor a volume in memory. Write shape.surface() by its export(path), or "
@@ -78,11 +77,11 @@ def _suffix(path: Path, known: tuple[str, ...], what: str) -> str:
     return found
 
 
-def _placement(shape: Shape, field: VoxelField) -> Placement:
+def _placement(field: VoxelField) -> Placement:
     """Where the voxels of a field are, which may be a box of a larger volume."""
-    whole = placement_of(shape, field)
+    whole = field.placement
     if whole.affine is None:
         return whole
     affine = np.asarray(whole.affine)
-    affine[:3, 3] += affine[:3, :3] @ first_voxel(whole, field)
+    affine[:3, 3] += affine[:3, :3] @ whole.voxel(field.grid.origin)
     return Placement(whole.spacing, field.grid.origin, tuple(map(tuple, affine.tolist())), whole.unit, whole.space)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.util import find_spec
 
 import numpy as np
@@ -9,14 +10,15 @@ import numpy as np
 from topokit.adapters.mesh.adapter import from_mesh
 from topokit.core.arrays import Floats, Integers
 from topokit.core.handles.repair import without_boundary
-from topokit.core.handles.simplified import without_small_handles
+from topokit.core.handles.simplified import Round, without_small_handles
 from topokit.core.homotopy.simplified import Way
 from topokit.core.loops import middle
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.removal import How, Kind, Removal
 from topokit.core.surface import TriangleSurface
-from topokit.errors import InputError
+from topokit.errors import InputError, Interrupted
 from topokit.report.progress import progress_bar
+from topokit.report.report import Betti
 from topokit.report.simplification import Simplification
 from topokit.shape import Shape
 from topokit.shape.surface import closed_surface, mesh_arrays
@@ -39,22 +41,35 @@ def simplified_mesh(shape: Shape, below: float, ways: frozenset[Way]) -> Shape:
         InputError: if there is no closed surface, or every part of it is narrower.
     """
     surface = closed_surface(shape)
+    before = shape.report().solid_betti
+    if before is None:
+        raise AssertionError(f"{shape.name}: a closed mesh has no Betti numbers")
     vertices, faces, removals = _without_small_parts(shape.name, surface, below, ways)
     can_check = find_spec("igl") is not None
     of_handles: frozenset[How] = frozenset(how for kind, how in ways if kind == "tunnel")
+    done = Round(vertices, faces, [], math.inf)
     if of_handles:
-        with progress_bar([shape.name]):
-            vertices, faces, more = without_small_handles(vertices, faces, below, of_handles, can_check)
-        removals += more
-    made = from_mesh(vertices, faces)
-    before, after = (one.report().solid_betti for one in (shape, made))
-    if before is None or after is None:
+        try:
+            with progress_bar([shape.name]):
+                for done in without_small_handles(vertices, faces, below, of_handles, can_check):  # noqa: B007
+                    pass
+        except KeyboardInterrupt as interrupt:
+            raise Interrupted(_made(shape, below, before, removals, done, can_check)) from interrupt
+    return _made(shape, below, before, removals, done, can_check)
+
+
+def _made(shape: Shape, below: float, before: Betti, removals: list[Removal], done: Round, was_checked: bool) -> Shape:
+    """The mesh after a round, with what was removed before and in the rounds."""
+    made = from_mesh(done.vertices, done.faces)
+    after = made.report().solid_betti
+    if after is None:
         raise AssertionError(f"{shape.name}: a closed mesh has no Betti numbers")
-    removals.sort(key=lambda one: (one.width, one.place))
-    done = Simplification(below, tuple(removals), before, after, sum(one.changed for one in removals), "face")
-    unchecked = (_UNCHECKED,) if removals and not can_check else ()
-    notes = (*shape.notes, *made.notes, done.summary(), *unchecked)
-    return made.replace(name=shape.name, notes=notes, n_neighbors=shape.n_neighbors, simplification=done)
+    in_order = tuple(sorted(removals + done.removals, key=lambda one: (one.width, one.place)))
+    changed, seen = sum(one.changed for one in in_order), done.narrowest
+    told = Simplification(below, in_order, before, after, changed, "face", narrowest=seen if seen < math.inf else None)
+    unchecked = (_UNCHECKED,) if in_order and not was_checked else ()
+    notes = (*shape.notes, *made.notes, told.summary(), *unchecked)
+    return made.replace(name=shape.name, notes=notes, n_neighbors=shape.n_neighbors, simplification=told)
 
 
 def without_boundaries(shape: Shape) -> Shape:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 
+from topokit.adapters.voxels.large import StoredSolid
 from topokit.core.homotopy.simplified import Way
 from topokit.errors import InputError
+from topokit.repair.in_blocks import simplified_in_blocks
 from topokit.repair.meshes import simplified_mesh, without_boundaries
 from topokit.repair.volumes import simplified_volume
 from topokit.shape import Shape
@@ -22,7 +25,15 @@ _OF_CAVITIES: frozenset[Way] = frozenset({("cavity", "filled"), ("cavity", "open
 _OF_COMPONENTS: frozenset[Way] = frozenset({("part", "dropped"), ("part", "joined")})
 
 
-def simplify(shape: Shape, below: float, handles: Handles, cavities: bool, components: bool, boundaries: bool) -> Shape:
+def simplify(
+    shape: Shape,
+    below: float,
+    handles: Handles,
+    cavities: bool,
+    components: bool,
+    boundaries: bool,
+    out: str | os.PathLike[str] | None,
+) -> Shape:
     """The shape without features narrower than a width; see `Shape.simplify`."""
     if not (isinstance(below, int | float) and 0 < below < math.inf):
         raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
@@ -31,6 +42,12 @@ def simplify(shape: Shape, below: float, handles: Handles, cavities: bool, compo
     ways = _OF_HANDLES[handles]
     ways |= _OF_CAVITIES if cavities else frozenset()
     ways |= _OF_COMPONENTS if components else frozenset()
+    if isinstance(shape.stored, StoredSolid):
+        if out is None:
+            raise InputError(f"{shape.name} is counted block by block: pass out, the .npy or .zarr to write.")
+        return simplified_in_blocks(shape, shape.stored, float(below), ways, out)
+    if out is not None:
+        raise InputError(f"{shape.name} is in memory: leave out=… away, and save() what comes back.")
     n_filled = 0
     if boundaries and shape.mesh is not None and not shape.is_closed:
         n_filled, shape = len(shape.boundaries()), without_boundaries(shape)

@@ -17,13 +17,12 @@ from topokit.adapters.voxels.field import VoxelField
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import occupied_box
-from topokit.core.grid.placement import Index, Placement
 from topokit.core.grid.tiles import tiles_of
-from topokit.core.homotopy.simplified import Step, Way, simplified
-from topokit.core.removal import Removal
+from topokit.core.homotopy.simplified import Betti, Block, Simplified, Step, Way, changed_voxels, simplified
+from topokit.core.removal import KINDS, Removal
 from topokit.core.scale.widths import SurfaceWidths
 from topokit.errors import InputError
-from topokit.report.simplification import Simplification
+from topokit.report.simplification import Simplification, Unsettled
 from topokit.shape import Shape
 
 _SAMPLING = Sampling(10_000, 0, None, None)
@@ -43,37 +42,81 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
         InputError: if the shape was not made from a volume in memory or a function, is cut out of a larger body, or all
             of it is narrower.
     """
-    if shape.counted is not None and shape.counted.cut_out_euler is not None:
-        raise InputError(f'{shape.name} is cut out of a larger body: open it with edges="solid" to change it.')
     field = voxel_field(shape)
+    if field.is_cut_out:
+        raise InputError(f'{shape.name} is cut out of a larger body: open it with edges="solid" to change it.')
     inside = field.is_inside(field.volume).cpu().numpy()
-    spacing = field.grid.spacing
-    margin = [_MARGIN + int(np.ceil(below / step)) for step in spacing]
+    margin = [_MARGIN + int(np.ceil(below / step)) for step in field.grid.spacing]
     sides = occupied_box(torch.from_numpy(inside))
     low = np.array([max(start - more, 0) for (start, _), more in zip(sides, margin, strict=True)])
     box = tuple(slice(a, stop + more) for a, (_, stop), more in zip(low, sides, margin, strict=True))
+    found = simplified_field(field, inside, box, below, ways)
+    if not found.solid.any():
+        raise everything_is_narrower(shape.name, below)
+    after = inside.copy()
+    after[box] = found.solid
+    result = with_solid(shape, field, inside, after)
+    removals = removals_of(found.steps, np.asarray(field.grid.origin) + low * field.grid.spacing, field.grid.spacing)
+    changed = len(changed_voxels(found.steps))
+    done = counted_simplification(
+        shape.name, below, removals, found.before, result.report().solid_betti, changed, found.narrowest
+    )
+    return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
+
+
+def simplified_field(
+    field: VoxelField,
+    inside: Booleans,
+    box: tuple[slice, ...],
+    below: float,
+    ways: frozenset[Way],
+    block: Block | None = None,
+) -> Simplified:
+    """The solid in a box of a volume without its narrow features, with widths of its surface.
+
+    Args:
+        field: the volume.
+        inside: its solid.
+        box: what may change.
+        below: width, in units of length.
+        ways: how features may be removed.
+        block: which part of a larger volume it is; None if it is the whole.
+    """
+    low, spacing = np.array([side.start for side in box]), field.grid.spacing
 
     def widths(changed: Integers) -> Callable[[Integers], Floats]:
         balls = SurfaceWidths(partial(field.surface_in_boxes, flipped=changed + low), spacing, below)
         return lambda voxels: balls.at(voxels + low)
 
-    origin = np.asarray(field.grid.origin) + low * spacing
-    part, steps = simplified(*(inside[box], _cost(field, box), below, ways, widths, field.connectivity, spacing))
-    if not part.any():
-        raise InputError(
-            f"{shape.name}: every part is narrower than {below:g}, so that nothing would be left: "
-            "components=False keeps them."
-        )
-    after = inside.copy()
-    after[box] = part
-    result = with_solid(shape, field, inside, after)
-    removals = tuple(sorted(_removals(steps, origin, spacing), key=lambda one: (one.width, one.place)))
-    before, counted = (one.report().solid_betti for one in (shape, result))
-    changed = int((after != inside).sum())
-    if before is None or counted is None:
-        raise AssertionError(f"{shape.name}: a volume has no Betti numbers")
-    done = Simplification(below, removals, before, counted, changed, "voxel")
-    return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
+    return simplified(inside[box], _cost(field, box), below, ways, widths, field.connectivity, spacing, block)
+
+
+def everything_is_narrower(name: str, below: float) -> InputError:
+    """The error that nothing would be left."""
+    return InputError(
+        f"{name}: every part is narrower than {below:g}, so that nothing would be left: components=False keeps them."
+    )
+
+
+def counted_simplification(
+    name: str,
+    below: float,
+    removals: list[Removal],
+    before: Betti,
+    after: Betti | None,
+    changed: int,
+    narrowest: float,
+    unsettled: tuple[Unsettled, ...] = (),
+) -> Simplification:
+    """What was done to a volume, narrowest first, held against counts."""
+    expected = [*before]
+    for one in removals:
+        expected[KINDS.index(one.kind)] -= 1
+    if after is None or tuple(after) != tuple(expected):
+        raise AssertionError(f"{name}: {expected} was expected of what was removed, {after} was counted")
+    in_order = tuple(sorted(removals, key=lambda one: (one.width, one.place)))
+    seen = narrowest if narrowest < np.inf else None
+    return Simplification(below, in_order, before, after, changed, "voxel", unsettled=unsettled, narrowest=seen)
 
 
 def voxel_field(shape: Shape) -> VoxelField:
@@ -99,7 +142,8 @@ def _cost(field: VoxelField, box: tuple[slice, ...]) -> Floats | None:
     return np.where(known, depth, depth[known].max(initial=1.0))
 
 
-def _removals(steps: list[Step], origin: Floats, spacing: tuple[float, float, float]) -> list[Removal]:
+def removals_of(steps: list[Step], origin: Floats, spacing: tuple[float, float, float]) -> list[Removal]:
+    """What some steps remove, given the place of the first voxel."""
     found = []
     for step in steps:
         for (kind, how), one in zip(step.ways, step.filled, strict=True):
@@ -125,26 +169,16 @@ def with_solid(shape: Shape, field: VoxelField, before: Booleans, after: Boolean
     """
     volume = field.volume.detach()
     values = with_values_of_the_nearest(volume.cpu().numpy(), before, after)
-    placement = placement_of(shape, field)
     solid = Solid(None if field.is_binary else field.level, field.labels, field.connectivity)
-    first = first_voxel(placement, field)
-    made = shape_in_memory(shape.name, torch.from_numpy(values).to(volume), placement, solid, _SAMPLING, first)
+    first, given = field.placement.voxel(field.grid.origin), torch.from_numpy(values).to(volume)
+    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first)
     return made.replace(notes=shape.notes, n_neighbors=shape.n_neighbors)
-
-
-def placement_of(shape: Shape, field: VoxelField) -> Placement:
-    """Where the voxels of a shape's volume are, or of the whole volume that it is a box of."""
-    found = None if shape.counted is None else shape.counted.placement
-    return found or Placement(field.grid.spacing, field.grid.origin)
-
-
-def first_voxel(placement: Placement, field: VoxelField) -> Index:
-    """The index in the whole volume of the first voxel of a field, which may be that of a label's box."""
-    return placement.voxel(field.grid.origin)
 
 
 def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, after: Booleans) -> NDArray[Any]:
     """The volume with new values where two solids differ: those of the nearest voxel on the other side."""
+    if volume.dtype == bool:
+        return np.logical_xor(volume, before != after)
     values = volume.copy()
     voxels = np.argwhere(before != after)
     for first, rows in tiles_of(voxels, _TILE):

@@ -27,6 +27,7 @@ def simplify(
     cavities: bool = True,
     components: bool = True,
     boundaries: bool = False,
+    out: str | os.PathLike[str] | None = None,
 ) -> Shape:
     """The shape without its features that are narrower than a width, of the same kind and counted.
 
@@ -42,6 +43,10 @@ def simplify(
     that would meet other faces are not made (this needs libigl). Parts are dropped and cavities filled if their box is
     narrower; parts are not joined. Points and splats become the mesh of their closed surface.
 
+    A volume that is counted block by block is mended so, into a new file. A feature is removed if the block with its
+        surroundings, at least 32 voxels on each side, shows what it is; `simplification.unsettled` has the narrow
+        places of which it does not.
+
     Not differentiable.
 
     Args:
@@ -50,10 +55,11 @@ def simplify(
         cavities: whether narrow cavities are removed.
         components: whether narrow parts are removed.
         boundaries: whether the boundary of an open mesh is filled first, however wide; see `fill_boundaries`.
+        out: of a volume that is counted block by block, the file to write: .npy, or .zarr, which must not exist.
 
     Raises:
         InputError: if `below` is not positive, `handles` is something else, everything is narrower, or a mesh, points
-            or splats have no closed surface.
+            or splats have no closed surface; or `out` is missing for a volume in blocks, or given for another shape.
 
     Example:
         >>> import numpy as np, topokit as tk
@@ -64,7 +70,7 @@ def simplify(
         (0, 1)
     """
     made: Shape = pkgutil.resolve_name("topokit.repair.simplify:simplify")(
-        shape, below, handles, cavities, components, boundaries
+        shape, below, handles, cavities, components, boundaries, out
     )
     return made
 

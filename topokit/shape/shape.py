@@ -67,6 +67,7 @@ class Shape:
         left_out: width, in units of length, of the widest part that was taken for a floater and is not in the samples;
             an answer that claims to see parts so narrow is unsure.
         field: the scalar field that defines the shape, on its own grid, or None.
+        stored: the volume of a shape that is counted block by block, for what changes it, or None.
         mesh: (vertices (V, 3), faces (F, 3)) if the shape was made from a mesh, else None.
         name: what to call it in reports.
         notes: sentences about what was found or changed while opening it; the report repeats them.
@@ -79,6 +80,7 @@ class Shape:
     """
 
     field: Field | None
+    stored: object
     mesh: tuple[Tensor, Tensor] | None
     name: str
     notes: tuple[str, ...]
@@ -105,6 +107,7 @@ class Shape:
         opacity: AbsorbingScene | None = None,
         left_out: float = 0.0,
         field: Field | None = None,
+        stored: object = None,
         mesh: tuple[Tensor, Tensor] | None = None,
         name: str = UNNAMED,
         notes: tuple[str, ...] = (),
@@ -118,6 +121,7 @@ class Shape:
         _ = known.samples_so_far  # checked now, if they are known
         self.__dict__.update(  # attributes cannot be set one by one, see __setattr__
             field=field,
+            stored=stored,
             mesh=mesh,
             name=name,
             notes=notes,
@@ -205,6 +209,7 @@ class Shape:
             opacity=self._opacity,
             left_out=self._left_out,
             field=self.field,
+            stored=self.stored,
             mesh=mesh,
             name=self.name,
             notes=self.notes,

@@ -6,18 +6,20 @@ import numpy as np
 import pytest
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from topokit.core.homotopy.growth import strides_around
 from topokit.core.homotopy.layer import layer_around
+from topokit.core.homotopy.zone import Zone
 
 INNER = (slice(2, -2),) * 3
 
 
 def around(solid: np.ndarray, cells: np.ndarray, reach: float, spacing: tuple[float, float, float]) -> np.ndarray:
-    memory = np.full(solid.size, -1, dtype=np.int32)
     flat = np.flatnonzero(cells & ~solid)
-    found = layer_around(solid.ravel().view(np.int8), flat, memory, strides_around(solid.shape), reach, spacing)
+    zone = Zone(solid, flat, 26)
+    memory = np.full(zone.n_nodes, -1, dtype=np.int32)
+    found = layer_around(solid.ravel().view(np.int8), flat, zone, memory, reach, spacing)
     assert (memory == -1).all()
-    return found
+    assert np.array_equal(np.sort(found.places), np.arange(len(found.voxels)))
+    return found.in_order(np.ones(len(found.voxels), dtype=bool))
 
 
 def inner(shape: tuple[int, ...]) -> np.ndarray:

@@ -180,7 +180,8 @@ def shape_in_memory(
     level = solid.level
     if level is None:
         level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
-    field = VoxelField(values, level, solid.labels, placement.grid(values.shape, first), solid.connectivity)
+    grid, is_cut_out = placement.grid(values.shape, first), ends.edges == "cut-out"
+    field = VoxelField(values, level, solid.labels, grid, solid.connectivity, placement, is_cut_out)
 
     def inside() -> Booleans:
         return field.is_inside(field.volume).cpu().numpy()
@@ -194,7 +195,7 @@ def shape_in_memory(
         answer = counted_answer(
             lambda: count_solid(field.volume, field.is_inside, field.connectivity, field.grid), field, placement
         )
-        if ends.edges == "cut-out":
+        if is_cut_out:
             return cut_out_answer(answer, cube_counts(inside()), field.connectivity, field.grid)
         return answer
 

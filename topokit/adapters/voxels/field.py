@@ -14,6 +14,7 @@ from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
+from topokit.core.grid.placement import Placement
 from topokit.core.surface import TriangleSurface
 
 SLAB = 16  # layers handled at a time
@@ -28,9 +29,30 @@ def listed(labels: Labels) -> str:
 class VoxelField(Field):
     """Gray values minus their level, or +½ and −½ for a binary volume or for labels."""
 
-    def __init__(self, volume: Tensor, level: float, labels: Labels, grid: Grid, connectivity: int) -> None:
-        """Args: volume (X, Y, Z); level, or labels if there are any: what is inside; grid: voxel centers."""
+    def __init__(
+        self,
+        volume: Tensor,
+        level: float,
+        labels: Labels,
+        grid: Grid,
+        connectivity: int,
+        placement: Placement | None = None,
+        is_cut_out: bool = False,
+    ) -> None:
+        """Take a volume.
+
+        Args:
+            volume: (X, Y, Z).
+            level: voxels above it are inside.
+            labels: voxels equal to one of them are inside, if there are any.
+            grid: voxel centers.
+            connectivity: 6 or 26, that of the solid.
+            placement: of the whole volume that this one may be a box of; that of the grid if None.
+            is_cut_out: whether it is taken for a box of a larger body.
+        """
         super().__init__(grid, connectivity)
+        self.placement = placement or Placement(grid.spacing, grid.origin)
+        self.is_cut_out = is_cut_out
         self.volume, self.level, self.labels = volume, level, labels
         self.is_binary = bool(labels) or volume.dtype == torch.bool
 
@@ -89,9 +111,10 @@ class VoxelField(Field):
         return level_surface(row, Grid((len(row), y, z), self.grid.spacing), self.connectivity)
 
     def is_inside(self, voxels: Tensor) -> Tensor:
-        """Which of some voxels of the volume are in the solid, bool of their shape."""
+        """Which of some voxels of the volume are in the solid, bool of their shape; not to be written to."""
         if not self.labels:
-            return voxels.detach() > self.level
+            is_as_it_is = voxels.dtype == torch.bool and 0 <= self.level < 1
+            return voxels.detach() if is_as_it_is else voxels.detach() > self.level
         return reduce(torch.logical_or, (voxels == label for label in self.labels))
 
     def _field_of(self, voxels: Tensor) -> Tensor:

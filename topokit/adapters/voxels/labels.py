@@ -119,7 +119,7 @@ class _Counts:
         """The shape of one of them."""
         box, solid = self._boxes[label], Solid(None, (label,), self._connectivity)
         grid = self._grid(box)
-        field = VoxelField(self._values[box], 0.0, (label,), grid, self._connectivity)
+        field = VoxelField(self._values[box], 0.0, (label,), grid, self._connectivity, self._placement)
         return sampled_shape(
             f"{name}, label {label}",
             field,

@@ -22,6 +22,7 @@ from topokit.errors import InputError, NoSamplesError
 from topokit.inputs.files import user_path
 from topokit.inputs.remote import is_address
 from topokit.inputs.unpacking import is_temporary
+from topokit.report.report import CountedAnswer
 from topokit.shape import Shape
 
 MOST_IN_MEMORY = 1 << 27  # voxels up to which a stored volume is read as a whole: at most 1 GiB of float64
@@ -34,6 +35,16 @@ class Blocks(NamedTuple):
     division: Division
     most_voxels: int
     client: Any
+
+
+class StoredSolid(NamedTuple):
+    """A solid that is counted block by block: its volume, where that is, what is inside, and what is beyond."""
+
+    blocks: Blocks
+    placement: Placement
+    grid: Grid
+    solid: Solid
+    ends: Ends
 
 
 def blocks_of(volume: Any, entry: Entry, block_voxels: int | None, client: Any) -> Blocks | None:
@@ -106,7 +117,13 @@ def _joined_boxes(one: dict[int, LabelBox], other: dict[int, LabelBox], axis: in
 
 
 def shape_in_blocks(
-    blocks: Blocks, placement: Placement, grid: Grid, solid: Solid, n_neighbors: int | None, ends: Ends | None = None
+    blocks: Blocks,
+    placement: Placement,
+    grid: Grid,
+    solid: Solid,
+    n_neighbors: int | None,
+    ends: Ends | None = None,
+    answer: CountedAnswer | None = None,
 ) -> Shape:
     """The shape of a volume whose report is counted block by block.
 
@@ -117,8 +134,10 @@ def shape_in_blocks(
         solid: what is inside.
         n_neighbors: as for `from_voxels`.
         ends: what there is at the ends of the volume; background if None.
+        answer: if it has been counted already.
     """
     volume, ends = blocks.volume, ends or Ends()
+    stored = StoredSolid(blocks, placement, grid, solid, ends)
 
     def refuse() -> Any:
         raise NoSamplesError(
@@ -134,8 +153,9 @@ def shape_in_blocks(
         )
     return Shape(
         refuse,
-        lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client, ends),
+        answer or (lambda: answer_in_blocks(volume, blocks.division, solid, grid, placement, blocks.client, ends)),
         surface=refuse,
+        stored=stored,
         curve=lambda levels: curve_in_blocks(volume, blocks.division, solid, blocks.client, levels),
         name=volume.name,
         n_neighbors=n_neighbors,

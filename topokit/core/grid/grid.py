@@ -151,8 +151,9 @@ def _fast_length(length: int) -> int:
 
 def occupied_box(inside: Tensor) -> list[tuple[int, int]]:
     """First and last + 1 of the layers along each axis that hold a voxel of a solid (X, Y, Z), which must have one."""
+    rows = inside.any(dim=2)
     box = []
-    for axis in range(3):
-        layers = inside.any(dim=[other for other in range(3) if other != axis]).nonzero()[:, 0]
+    for has_voxel in (rows.any(dim=1), rows.any(dim=0), inside.any(dim=0).any(dim=0)):
+        layers = has_voxel.nonzero()[:, 0]
         box.append((int(layers[0]), int(layers[-1]) + 1))
     return box

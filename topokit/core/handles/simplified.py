@@ -8,6 +8,7 @@ the loops together would take the surface apart, Kruskal's algorithm decides: th
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -46,10 +47,26 @@ class Ring(NamedTuple):
     how: How
 
 
+class Round(NamedTuple):
+    """A closed mesh after a round, counted.
+
+    Attributes:
+        vertices: (V, 3).
+        faces: (F, 3).
+        removals: of all rounds so far.
+        narrowest: width of the narrowest loop that was found and stays; infinite if none was.
+    """
+
+    vertices: Floats
+    faces: Integers
+    removals: list[Removal]
+    narrowest: float
+
+
 def without_small_handles(
     vertices: Floats, faces: Integers, below: float, ways: frozenset[How], check: bool
-) -> tuple[Floats, Integers, list[Removal]]:
-    """A closed mesh without the handles that are narrower than a width, counted.
+) -> Iterator[Round]:
+    """A closed mesh with fewer and fewer of the handles that are narrower than a width; at last with none.
 
     Args:
         vertices: (V, 3).
@@ -68,18 +85,19 @@ def without_small_handles(
         begin(_STAGE)
         found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below), True
         while True:
-            rings = _rings(vertices, faces, found.loops, below, ways, refused)
+            rings, narrowest = _rings(vertices, faces, found.loops, below, ways, refused)
             chosen, n_refused = _not_separating(faces, rings), len(refused)
             n_found = max(n_found, len(removals) + len(chosen))
             n_vertices = len(vertices)
             vertices, faces, chosen = _cut(vertices, faces, chosen, refused, check)
+            removals = removals + [_removal(ring) for ring in chosen]
+            yield Round(vertices, faces, removals, narrowest)
             if chosen:
-                removals += [_removal(ring) for ring in chosen]
                 roots = np.concatenate((found.roots, np.arange(n_vertices, len(vertices))))
                 found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below, roots), False
                 advance(len(removals) / max(n_found, 1))
             elif len(refused) == n_refused and is_everywhere:
-                return vertices, faces, removals
+                return
             elif len(refused) == n_refused:
                 found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below), True
 
@@ -97,22 +115,26 @@ def _rings(
     below: float,
     ways: frozenset[How],
     refused: set[tuple[int, ...]],
-) -> list[Ring]:
-    """Of the loops, shortest first, those that may be cut and do not meet or neighbor each other; narrowest first."""
+) -> tuple[list[Ring], float]:
+    """Of the loops, shortest first, those that may be cut and do not meet or neighbor each other; narrowest first.
+
+    And how wide the narrowest of the others is that are as wide as asked or wider.
+    """
     normals = _normals(vertices, faces)
     order = np.argsort(faces.ravel(), kind="stable")
     begins = np.searchsorted(faces.ravel()[order], np.arange(len(vertices) + 1))
     taken = np.zeros(len(vertices), dtype=bool)
-    found = []
+    found, narrowest = [], np.inf
     for _, loop in loops:
         if taken[loop].any() or tuple(np.sort(loop).tolist()) in refused:
             continue
         ring = _ring(vertices, normals, loop)
+        narrowest = min(narrowest, ring.width if ring.width >= below else np.inf)
         if ring.width < below and ring.how in ways:
             found.append(ring)
             for vertex in loop:
                 taken[faces[order[begins[vertex] : begins[vertex + 1]] // 3]] = True
-    return sorted(found, key=lambda one: (one.width, one.vertices.tolist()))
+    return sorted(found, key=lambda one: (one.width, one.vertices.tolist())), narrowest
 
 
 def _normals(vertices: Floats, faces: Integers) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.core.arrays import Booleans, Integers
+from topokit.core.blocks.compiled import compiled
 
 Bits = NDArray[np.uint64]
 
@@ -22,10 +23,40 @@ def packed(solid: Booleans) -> Bits:
 
 def voxels_of(bits: Bits, length: int) -> Integers:
     """Flat indices (N,) of the voxels that are set, in a volume so long along the last axis."""
-    rows, words = np.divmod(np.flatnonzero(bits), bits.shape[2])
-    each = np.unpackbits(bits[bits != 0].view(np.uint8).reshape(-1, 8), axis=1, bitorder="little")
-    word, bit = np.nonzero(each)
-    return rows[word] * length + words[word] * _WORD + bit
+    return _voxels_of(bits.reshape(-1, bits.shape[2]), length)
+
+
+@compiled
+def _voxels_of(rows: Bits, length: int) -> Integers:
+    """Those of rows (R, W) of words; counted first, so that no array grows."""
+    count = 0
+    for row in range(len(rows)):
+        for word in rows[row]:
+            while word:
+                word &= word - np.uint64(1)
+                count += 1
+    found = np.empty(count, dtype=np.int64)
+    for row in range(len(rows) - 1, -1, -1):
+        for at in range(rows.shape[1] - 1, -1, -1):
+            word = rows[row, at]
+            for bit in range(_WORD - 1, -1, -1):
+                if word == 0:
+                    break
+                if word >> np.uint64(bit) & np.uint64(1):
+                    count -= 1
+                    found[count] = row * length + at * _WORD + bit
+                    word ^= np.uint64(1) << np.uint64(bit)
+    return found
+
+
+@compiled
+def of_voxels(voxels: Integers, shape: tuple[int, int, int]) -> Bits:
+    """A volume in which some voxels, given by their flat indices (N,), are set."""
+    rows = np.zeros((shape[0] * shape[1], (shape[2] + _WORD - 1) // _WORD), dtype=np.uint64)
+    for voxel in voxels:
+        row, z = voxel // shape[2], voxel % shape[2]
+        rows[row, z // _WORD] |= np.uint64(1) << np.uint64(z % _WORD)
+    return rows.reshape(shape[0], shape[1], -1)
 
 
 def widened(bits: Bits, axis: int, before: int, after: int) -> Bits:

@@ -18,7 +18,7 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,7 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.euler import dual_connectivity
 from topokit.core.homotopy.effects import effect
 from topokit.core.homotopy.growth import Nodes, Ranks, grow, numbers_at
+from topokit.core.homotopy.layer import Layer
 from topokit.core.homotopy.simple_points import Counts, Indices
 from topokit.core.homotopy.zone import Zone, joins
 from topokit.core.labels import connected_labels
@@ -72,7 +73,7 @@ class Growth(NamedTuple):
         own: (M,) 1 in the solid, flat; the same again after each use.
         shape: (X, Y, Z) of the volume.
         zone: where voxels may be filled.
-        ranks: (M,) −1; the same again after each use.
+        ranks: (K,) −1, of the zone's nodes; the same again after each use.
         connectivity: 6 or 26, that of the solid.
     """
 
@@ -86,29 +87,34 @@ class Growth(NamedTuple):
 def closing(
     growth: Growth,
     known: Forests,
-    layer: Indices,
+    layer: Layer,
     widths: Widths,
     wanted: Callable[[int, Floats], Booleans],
     cost: Floats | None,
-) -> list[Patch]:
+) -> tuple[list[Patch], list[Filled]]:
     """The patches that fill gaps, tunnels and cavities of a solid; any choice of them may be applied.
 
     Args:
         growth: the solid.
-        known: forests of the solid and of its background; see `Zone.forest`.
+        known: forests of the solid and of its background; see `Zone.forest`. Of a block, regions of the solid that
+            reach where the volume goes on are joined, those of the background are not: what is filled then is settled
+            whatever is there.
         layer: the voxels that may be filled, see `layer_around`.
         widths: of places, given by their indices (N, 3).
         wanted: which classes of a dimension and of some widths (N,) are filled.
         cost: (M,), what it costs to fill each voxel; None if all cost the same.
+
+    Returns:
+        The patches, and places of a block that might be filled, depending on what is beyond it.
     """
     own, shape, zone, _, connectivity = growth
-    found = _filled(growth, known, layer, widths, wanted)
+    found, unsettled = _filled(growth, known, layer, widths, wanted)
     places = np.array([one.voxel for one in found], dtype=np.int64).reshape(-1, 3)
-    grown = layer[own[layer] != 0]
+    grown = layer.voxels[own[layer.voxels] != 0]
     grown = grown[zone.are_with(grown, np.atleast_1d(np.ravel_multi_index(tuple(places.T), shape)))]
     price = np.ones(len(grown)) if cost is None else cost[grown]
     groups = _layers(growth, grown, places, price) if found else []
-    own[layer] = 0
+    own[layer.voxels] = 0
     kinds = [[one for one in found if one.dimension == dimension] for dimension in range(3)]
     trees = [cKDTree([one.voxel for one in same]) if same else None for same in kinds]
     patches = []
@@ -123,44 +129,57 @@ def closing(
         ]
         if filled and len(filled) == sum(map(abs, counts)):
             patches.append(Patch(voxels, tuple(filled)))
-    return patches
+    return patches, unsettled
 
 
 def _filled(
-    growth: Growth, known: Forests, layer: Indices, widths: Widths, wanted: Callable[[int, Floats], Booleans]
-) -> list[Filled]:
-    """Let the solid grow and fill what is wanted, until no class ends any more."""
+    growth: Growth, known: Forests, layer: Layer, widths: Widths, wanted: Callable[[int, Floats], Booleans]
+) -> tuple[list[Filled], list[Filled]]:
+    """Let the solid grow and fill what is wanted, until no class ends any more; and what is not settled in a block."""
     own, shape, zone, ranks, connectivity = growth
-    own[layer] = 1
+    own[layer.voxels] = 1
     beyond = zone.forest(own, 0, dual_connectivity(connectivity))
-    own[layer] = 0
+    own[layer.voxels] = 0
     parts = known[0].copy()
-    waiting, tried = layer, (layer[:0],) * 3
+    waiting, tried = layer, (layer.voxels[:0],) * 3
     found: list[Filled] = []
     while True:
-        grow(own, waiting[own[waiting] == 0], ranks, zone.around, connectivity, zone.nodes, parts)
-        waiting = waiting[own[waiting] == 0]
+        waiting = waiting.those(own[waiting.voxels] == 0)
+        grow(own, waiting.voxels, zone.nodes, ranks, zone.around, connectivity, parts)
+        waiting = waiting.those(own[waiting.voxels] == 0)
         candidates = _candidates(growth, waiting)
         if all(np.isin(*pair).all() for pair in zip(candidates, tried, strict=True)):
-            return found
+            break
         tried = candidates
-        new = []
-        for dimension, ends in enumerate(_ends(growth, (parts, beyond), waiting, candidates)):
-            places = np.stack(np.unravel_index(ends, shape), axis=1)
-            sizes = widths(places) if len(places) else np.empty(0)
-            rows = np.flatnonzero(wanted(dimension, sizes))
-            new += [(int(ends[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+        new = _wanted(_ends(growth, (parts, beyond), waiting.voxels, candidates), shape, widths, wanted)
         filled = [one for voxel, one in new if _fills(growth, parts, voxel, one.dimension)]
         if not filled:
-            return found
+            break
         found += filled
+    others = _unsettled(growth, (parts, beyond), waiting.voxels, candidates) if zone.is_open else ()
+    return found, [one for _, one in _wanted(others, shape, widths, wanted)]
 
 
-def _candidates(growth: Growth, waiting: Indices) -> Candidates:
+def _wanted(
+    ends: Iterable[Indices], shape: Shape, widths: Widths, wanted: Callable[[int, Floats], Booleans]
+) -> list[tuple[int, Filled]]:
+    """Those voxels at which classes of each dimension end that are to be filled, and what that fills."""
+    found = []
+    for dimension, voxels in enumerate(ends):
+        places = np.stack(np.unravel_index(voxels, shape), axis=1)
+        sizes = widths(places) if len(places) else np.empty(0)
+        rows = np.flatnonzero(wanted(dimension, sizes))
+        found += [(int(voxels[k]), Filled(dimension, places[k], float(sizes[k]))) for k in rows]
+    return found
+
+
+def _candidates(growth: Growth, waiting: Layer) -> Candidates:
     """Voxels that join what is apart or close a loop, that close a tunnel or wall off a cavity, and that fill one."""
-    solid, background = numbers_at(growth.own, waiting, growth.zone.around, growth.connectivity)
+    solid, background = numbers_at(growth.own, waiting.voxels, growth.zone.around, growth.connectivity)
     one = solid == 1
-    return waiting[(solid > 1) & (background == 1)], waiting[one & (background > 1)], waiting[one & (background == 0)]
+    kinds = (solid > 1) & (background == 1), one & (background > 1), one & (background == 0)
+    between, across, last = map(waiting.in_order, kinds)
+    return between, across, last
 
 
 def _ends(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidates) -> Candidates:
@@ -188,6 +207,16 @@ def _ends(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidate
     return between, across, last
 
 
+def _unsettled(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidates) -> tuple[Indices, Indices]:
+    """Other candidates than those of `_ends` at which a class would end if what is beyond the block were otherwise."""
+    own, _, zone, _, connectivity = growth
+    otherwise = zone.forest(own, 1, connectivity), zone.with_outside(rest[1], own, 0)
+    settled = _ends(growth, rest, waiting, candidates)
+    others = _ends(growth, otherwise, waiting, candidates)
+    between, across = (one[~np.isin(one, known)] for one, known in zip(others[:2], settled[:2], strict=True))
+    return between, across
+
+
 def _fills(growth: Growth, parts: Nodes, voxel: int, dimension: int) -> bool:
     """Fill a voxel if it still ends a class of that dimension, now that others have been filled."""
     own, _, zone, _, connectivity = growth
@@ -209,14 +238,14 @@ def _layers(growth: Growth, grown: Indices, places: Integers, price: Floats) -> 
     """
     own, shape, zone, ranks, connectivity = growth
     index = np.stack(np.unravel_index(grown, shape), axis=1)
-    grow(own, grown[~_is_near(index, places, shape)][::-1], ranks, zone.around, connectivity, zone.nodes, _NONE)
+    grow(own, grown[~_is_near(index, places, shape)][::-1], zone.nodes, ranks, zone.around, connectivity, _NONE)
     stays = np.flatnonzero(own[grown])
     stays = stays[np.argsort(grown[stays])]
     grown, price, index = grown[stays], price[stays], index[stays]
     best: tuple[float, list[Indices]] = (np.inf, [])
     for _ in range(_ROUNDS):
         away = cKDTree(places).query(index)[0]
-        grow(own, grown[np.lexsort((-away, -price))], ranks, zone.around, connectivity, zone.nodes, _NONE)
+        grow(own, grown[np.lexsort((-away, -price))], zone.nodes, ranks, zone.around, connectivity, _NONE)
         rows = np.flatnonzero(own[grown])
         own[grown] = 1
         groups = [rows[group] for group in _touching(index[rows])]

@@ -31,22 +31,22 @@ def strides_around(shape: tuple[int, ...]) -> Integers:
 
 @compiled
 def grow(
-    inside: Counts, order: Indices, rank: Ranks, around: Integers, connectivity: int, nodes: Nodes, parents: Nodes
+    inside: Counts, order: Indices, nodes: Nodes, rank: Ranks, around: Integers, connectivity: int, parents: Nodes
 ) -> None:
     """Flip voxels in an order as long as each is simple; a neighbor that becomes simple later is flipped then.
 
     Args:
         inside: (M,) 1 inside, flat, with a layer around it that is not flipped; changed in place.
         order: (N,) flat indices of the voxels to flip, each once.
-        rank: (M,) memory to work in, negative; it is negative again afterwards.
+        nodes: (M,) a number for each voxel; that of a voxel to flip is its own.
+        rank: (K,) of the numbers, memory to work in, negative; it is negative again afterwards.
         around: (27,) steps to the neighbors of a voxel.
         connectivity: 6 or 26, that of the solid.
-        nodes: (M,) a number for each voxel.
         parents: forest of the nodes, in which voxels that join the solid are hung below a neighbor; of length 0 if none
             is needed.
     """
     for place in range(len(order)):
-        rank[order[place]] = place
+        rank[nodes[order[place]]] = place
     known = np.full(_KNOWN, -1)
     seen = place = 0
     again = [np.int64(0) for _ in range(0)]
@@ -56,7 +56,7 @@ def grow(
         else:
             place, seen = seen, seen + 1
         voxel = order[place]
-        if rank[voxel] < 0:
+        if rank[nodes[voxel]] < 0:
             continue
         code = code_at(inside, voxel, around)
         if not _is_simple(code, connectivity, known):
@@ -64,12 +64,13 @@ def grow(
         if len(parents) > 0:
             parents[nodes[voxel]] = nodes[voxel + around[first_bit(touching(code & _AROUND, connectivity))]]
         inside[voxel] ^= 1
-        rank[voxel] = -1
+        rank[nodes[voxel]] = -1
         for step in around:
-            if 0 <= rank[voxel + step] < seen:
-                heappush(again, np.int64(rank[voxel + step]))
+            own = rank[nodes[voxel + step]]
+            if 0 <= own < seen:
+                heappush(again, np.int64(own))
     for voxel in order:
-        rank[voxel] = -1
+        rank[nodes[voxel]] = -1
 
 
 @compiled

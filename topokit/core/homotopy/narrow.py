@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.grid.euler import dual_connectivity
-from topokit.core.homotopy.bits import Bits, packed, voxels_of, widened
+from topokit.core.homotopy.bits import Bits, of_voxels, packed, voxels_of, widened
 from topokit.core.homotopy.growth import strides_around
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, n_touching
 
 _HALF = 0.87  # voxels from a center to the corners
 _EQUAL = 0.3  # voxels by which they are as near
 _FARTHEST = 8  # voxels to look at in each direction; for greater widths the whole volume costs less
+_WORD = 64  # voxels in a word of bits
+_TOGETHER = 256  # words, of which all that is around stays in the cache
 _LEVEL = 1e-6  # cosine up to which a point counts as beside, neither ahead nor behind
 
 Masks = NDArray[np.int32]
@@ -52,19 +54,23 @@ def around_narrow_places(
     """
     around = margins(reach, spacing)
     if max(around) > _FARTHEST:
-        return _inner(np.arange(solid.size), solid.shape, around)
-    rings = np.zeros(solid.shape, dtype=np.int8)
-    for own, joined in ((solid, connectivity), (~solid, dual_connectivity(connectivity))):
-        voxels, distances = narrow_voxels(own, reach, spacing, joined)
-        rings.ravel()[voxels] = np.maximum(rings.ravel()[voxels], np.ceil(distances / min(spacing)))
-    found = packed(np.zeros_like(solid))
-    for ring in range(1, int(rings.max()) + 1):
-        bits = packed(rings == ring)
+        return voxels_of(_without_layers(solid.shape, around), solid.shape[2])
+    bits = packed(solid)
+    voxels, rings = [], []
+    for phase, joined in ((True, connectivity), (False, dual_connectivity(connectivity))):
+        own = bits if phase else ~bits
+        at, distances = _narrow_voxels(solid, phase, own, reach, spacing, joined)
+        voxels.append(at)
+        rings.append(np.ceil(distances / min(spacing)).astype(np.int64))
+    ring = np.concatenate(rings)
+    found = np.zeros_like(bits)
+    for steps in np.unique(ring).tolist():
+        ends = of_voxels(np.concatenate(voxels)[ring == steps], solid.shape)
         for axis, step in enumerate(spacing):
-            size = int(np.ceil(ring * min(spacing) / step))
-            bits = widened(bits, axis, size, size)
-        found |= bits
-    return _inner(voxels_of(found, solid.shape[2]), solid.shape, around)
+            size = int(np.ceil(steps * min(spacing) / step))
+            ends = widened(ends, axis, size, size)
+        found |= ends
+    return voxels_of(found & _without_layers(solid.shape, around), solid.shape[2])
 
 
 def narrow_voxels(
@@ -81,27 +87,44 @@ def narrow_voxels(
     Returns:
         (N,) flat indices, and distances from the solid.
     """
-    x, y, z = (int((reach + step / 2) / step) for step in spacing)
-    voxels = _inner(voxels_of(_between(packed(solid), (x, y, z)), solid.shape[2]), solid.shape, margins(reach, spacing))
-    inside = solid.ravel().view(np.int8)
+    return _narrow_voxels(solid, True, packed(solid), reach, spacing, connectivity)
+
+
+def _narrow_voxels(
+    solid: Booleans, phase: bool, own: Bits, reach: float, spacing: tuple[float, float, float], connectivity: int
+) -> tuple[Integers, Floats]:
+    """Those of a solid, or of its background if the phase is False, whose voxels are also given as bits."""
+    inside, length = solid.ravel().view(np.int8), solid.shape[2]
     half, equal = _HALF * max(spacing), _EQUAL * max(spacing)
-    sights = _sights(solid.shape, reach + half, spacing, np.zeros(3))
-    is_near, nearest = _surrounded(inside, voxels, *sights, 0.0, 2 * half, equal)
-    chosen = _meeting(inside, voxels, strides_around(solid.shape), connectivity) & np.isfinite(nearest)
-    for shift in product((0.0, 0.5), repeat=3):
-        least = float(np.linalg.norm(spacing)) / 2 if any(shift) else max(spacing)  # nearer ones are where voxels meet
-        rows = np.flatnonzero(is_near & ~chosen)
-        sights = _sights(solid.shape, reach + half, spacing, np.array(shift))
-        chosen[rows] = _surrounded(inside, voxels[rows], *sights, least + _LEVEL, equal, equal)[0]
-    return voxels[chosen], nearest[chosen]
+    inner = _without_layers(solid.shape, margins(reach, spacing))
+    x, y, z = (int((reach + step / 2) / step) for step in spacing)
+    between = _between(own, (x, y, z)) & inner
+    sights = _sights(solid.shape, reach + half, spacing, np.zeros((1, 3)))
+    anywhere = np.zeros(1)
+    meeting = _meeting(inside, phase, voxels_of(between, length), strides_around(solid.shape), connectivity)
+    away = _surrounded(inside, phase, meeting, *sights, anywhere, 2 * half, equal)[1]
+    is_near = np.isfinite(away)
+    meeting, away = meeting[is_near], away[is_near]
+    enclosed = _enclosed(own, between & ~of_voxels(meeting, solid.shape), reach + half, spacing)
+    voxels = voxels_of(enclosed, length)
+    is_near, nearest = _surrounded(inside, phase, voxels, *sights, anywhere, 2 * half, equal)
+    voxels, nearest = voxels[is_near], nearest[is_near]
+    shifts = np.array(list(product((0.0, 0.5), repeat=3)))
+    least = np.where(shifts.any(axis=1), np.linalg.norm(spacing) / 2, max(spacing))  # nearer ones are where voxels meet
+    sights = _sights(solid.shape, reach + half, spacing, shifts)
+    chosen = _surrounded(inside, phase, voxels, *sights, least + _LEVEL, equal, equal)[0]
+    return np.concatenate((meeting, voxels[chosen])), np.concatenate((away, nearest[chosen]))
 
 
-def _inner(voxels: Integers, shape: tuple[int, ...], layers: tuple[int, int, int]) -> Integers:
-    """Those voxels (N,) that are in none of some layers around a volume."""
-    is_inner = np.ones(len(voxels), dtype=bool)
-    for at, n, size in zip(np.unravel_index(voxels, shape), layers, shape, strict=True):
-        is_inner &= (at >= n) & (at < size - n)
-    return voxels[is_inner]
+def _without_layers(shape: tuple[int, ...], layers: tuple[int, int, int]) -> Bits:
+    """All voxels of a volume but those in some layers around it."""
+    x, y, z = (slice(n, size - n) for n, size in zip(layers, shape, strict=True))
+    row = np.zeros((1, 1, shape[2]), dtype=bool)
+    row[0, 0, z] = True
+    words = packed(row)
+    inner = np.zeros((shape[0], shape[1], words.shape[2]), dtype=np.uint64)
+    inner[x, y] = words
+    return inner
 
 
 def _between(solid: Bits, around: tuple[int, int, int]) -> Bits:
@@ -115,67 +138,139 @@ def _between(solid: Bits, around: tuple[int, int, int]) -> Bits:
     return found
 
 
+def _half_balls(reach: float, spacing: tuple[float, float, float]) -> tuple[Integers, Integers, Integers]:
+    """The halves of a ball around a voxel toward its neighbors across edges and corners.
+
+    Returns:
+        (N, 3), the steps to the voxels of the ball, the nearest first; the rows of those in each half, and (21,), where
+        each half starts among these.
+    """
+    sides = [np.arange(-n, n + 1) for n in margins(reach, spacing)]
+    offsets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    lengths = np.linalg.norm(offsets * spacing, axis=1)
+    offsets = offsets[np.argsort(lengths, kind="stable")][: int((lengths <= reach).sum())]
+    ways = OFFSETS[abs(OFFSETS).sum(axis=1) > 1] * np.array(spacing)
+    halves = [np.flatnonzero((offsets * spacing) @ (way / np.linalg.norm(way)) >= -_LEVEL) for way in ways]
+    return offsets, np.concatenate(halves), np.cumsum([0, *map(len, halves)])
+
+
+def _enclosed(solid: Bits, among: Bits, reach: float, spacing: tuple[float, float, float]) -> Bits:
+    """Those of some voxels of the background that have the solid in every half of a ball around them."""
+    offsets, halves, starts = _half_balls(reach, spacing)
+    places = np.flatnonzero(among)
+    steps = offsets @ np.array([solid.shape[1] * solid.shape[2], solid.shape[2], 0])
+    found = np.zeros_like(solid)
+    left = among.ravel()[places]
+    _leave_enclosed(solid.ravel(), places, left, steps, offsets[:, 2], halves, starts)
+    found.ravel()[places] = left
+    return found
+
+
+@compiled
+def _leave_enclosed(
+    solid: Bits, places: Integers, left: Bits, steps: Integers, ahead: Integers, halves: Integers, starts: Integers
+) -> None:
+    """Keep those bits of some words (N,) that see the solid in every half; many words at a time, without branches."""
+    seen = np.empty((len(steps), _TOGETHER), dtype=np.uint64)
+    here = np.empty(_TOGETHER, dtype=np.uint64)
+    for first in range(0, len(places), _TOGETHER):
+        n = min(_TOGETHER, len(places) - first)
+        for k in range(len(steps)):
+            near, far = np.uint64(abs(ahead[k])), np.uint64(_WORD - abs(ahead[k]))
+            for i in range(n):
+                at = places[first + i] + steps[k]
+                if ahead[k] > 0:
+                    seen[k, i] = solid[at] >> near | solid[at + 1] << far
+                elif ahead[k] < 0:
+                    seen[k, i] = solid[at] << near | solid[at - 1] >> far
+                else:
+                    seen[k, i] = solid[at]
+        for half in range(len(starts) - 1):
+            here[:n] = 0
+            for k in range(starts[half], starts[half + 1]):
+                row = seen[halves[k]]
+                for i in range(n):
+                    here[i] |= row[i]
+            for i in range(n):
+                left[first + i] &= here[i]
+
+
 def _sights(
-    shape: tuple[int, ...], reach: float, spacing: tuple[float, float, float], shift: Floats
+    shape: tuple[int, ...], reach: float, spacing: tuple[float, float, float], shifts: Floats
 ) -> tuple[Integers, Floats, Masks, Masks]:
     """Steps to the voxels around one, the nearest first, their distances, and which directions they are in.
 
     Directions are those to the 26 neighbors, a bit each: once those with an angle of at most 90° to the step, once
-    those with less. Distances and directions are seen from the voxel's center, shifted by a part of the voxel (3,).
+    those with less. Distances and directions are seen from the voxel's center, shifted by a part of the voxel: each
+    shift (S, 3) has a row (S, K) of its own. Those too far away are at the end, infinitely far.
     """
     sides = [np.arange(-n, n + 1) for n in margins(reach, spacing)]
     offsets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
-    seen = (offsets - shift) * spacing
-    distances = np.linalg.norm(seen, axis=1)
-    near = offsets.any(axis=1) & (distances <= reach)
-    order = np.flatnonzero(near)[np.argsort(distances[near], kind="stable")]
-    offsets, seen, distances = offsets[order], seen[order], distances[order]
+    offsets = offsets[offsets.any(axis=1)]
+    seen = (offsets - shifts[:, None]) * spacing
+    distances = np.linalg.norm(seen, axis=2)
+    distances[distances > reach] = np.inf
+    order = np.argsort(distances, axis=1, kind="stable")
+    distances = np.take_along_axis(distances, order, axis=1)
     ways = OFFSETS[OFFSETS.any(axis=1)] * np.array(spacing)
-    cosines = seen @ (ways / np.linalg.norm(ways, axis=1)[:, None]).T / distances[:, None]
-    bits = 1 << np.arange(len(ways))
-    beside, ahead = ((chosen @ bits).astype(np.int32) for chosen in (cosines >= -_LEVEL, cosines > _LEVEL))
-    return offsets @ np.array([shape[1] * shape[2], shape[2], 1]), distances, beside, ahead
+    along = np.take_along_axis(seen @ (ways / np.linalg.norm(ways, axis=1)[:, None]).T, order[:, :, None], axis=1)
+    bits, level = 1 << np.arange(len(ways)), _LEVEL * distances[:, :, None]
+    beside, ahead = ((chosen @ bits).astype(np.int32) for chosen in (along >= -level, along > level))
+    return (offsets @ np.array([shape[1] * shape[2], shape[2], 1]))[order], distances, beside, ahead
 
 
 @compiled
 def _surrounded(
     solid: Counts,
+    phase: int,
     voxels: Integers,
     steps: Integers,
     distances: Floats,
     beside: Masks,
     ahead: Masks,
-    least: float,
+    least: Floats,
     slack: float,
     equal: float,
 ) -> tuple[Booleans, Floats]:
-    """Whether the points of the solid that are nearest to each voxel, or nearly so, lie in all directions; how near."""
+    """Whether the points of a phase that are nearest to each voxel, or nearly so, lie in all directions; how near.
+
+    One of several sights is enough; how near is that of the first. In each, no point may be nearer than some least
+    distance (S,).
+    """
     found, away = np.zeros(len(voxels), dtype=np.bool_), np.full(len(voxels), np.inf)
     everywhere = (1 << 26) - 1
     for row in range(len(voxels)):
-        nearest, directions = -1.0, 0
-        for k in range(len(steps)):
-            distance = distances[k]
-            if 0 < nearest < distance - slack:
-                break
-            if solid[voxels[row] + steps[k]]:
+        for sight in range(len(steps)):
+            nearest, directions = -1.0, 0
+            for k in range(steps.shape[1]):
+                distance = distances[sight, k]
+                if distance == np.inf or 0 < nearest < distance - slack:
+                    break
+                if solid[voxels[row] + steps[sight, k]] != phase:
+                    continue
                 if nearest < 0:
-                    if distance < least:
+                    nearest = distance
+                    if sight == 0:
+                        away[row] = nearest
+                    if distance < least[sight]:
                         break
-                    nearest = away[row] = distance
-                directions |= beside[k] if distance <= nearest + equal else ahead[k]
+                directions |= beside[sight, k] if distance <= nearest + equal else ahead[sight, k]
                 if directions == everywhere:
                     found[row] = True
                     break
+            if found[row]:
+                break
     return found, away
 
 
 @compiled
-def _meeting(solid: Counts, voxels: Integers, around: Integers, connectivity: int) -> Booleans:
-    """Whether each voxel touches the solid in several places, or several regions of the background."""
+def _meeting(solid: Counts, phase: int, voxels: Integers, around: Integers, connectivity: int) -> Integers:
+    """Those of some voxels that touch a phase in several places, or several regions of the other one."""
     found = np.zeros(len(voxels), dtype=np.bool_)
     for row in range(len(voxels)):
         code = code_at(solid, voxels[row], around)
+        if phase == 0:
+            code = ~code & 0x7FFFFFF
         if code:
             found[row] = n_touching(code, connectivity) > 1 or n_touching(~code & 0x7FFFFFF, 32 - connectivity) != 1
-    return found
+    return voxels[found]

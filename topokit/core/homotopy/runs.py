@@ -38,7 +38,18 @@ def labeled(states: States, connectivity: int) -> tuple[Nodes, States]:
     n_regions = number_roots(parents, numbers)
     own = np.full(n_regions + 1, ELSEWHERE, dtype=np.uint8)
     own[numbers + 1] = flat[starts]
-    return np.repeat(numbers + 1, ends - starts), own
+    nodes = np.empty(flat.size, dtype=np.int32)
+    _write_runs(starts, ends, numbers, nodes)
+    return nodes, own
+
+
+@compiled
+def _write_runs(starts: Integers, ends: Integers, numbers: Nodes, nodes: Nodes) -> None:
+    """Give every voxel the number of its run, from 1 on."""
+    for run in range(len(starts)):
+        number = numbers[run] + 1
+        for at in range(starts[run], ends[run]):
+            nodes[at] = number
 
 
 @compiled

@@ -21,8 +21,8 @@ from topokit.core.homotopy.growth import Ranks
 from topokit.core.homotopy.layer import layer_around
 from topokit.core.homotopy.narrow import around_narrow_places, margins
 from topokit.core.homotopy.simple_points import Counts
-from topokit.core.homotopy.zone import Zone
-from topokit.core.removal import How, Kind
+from topokit.core.homotopy.zone import CLOSED, Ends, Zone
+from topokit.core.removal import KINDS, How, Kind
 
 Way = tuple[Kind, How]
 Betti = tuple[int, int, int]
@@ -36,7 +36,6 @@ _WAYS: Mapping[tuple[bool, int], Way] = {  # by whether voxels are added, and by
     (False, 2): ("part", "dropped"),
 }
 _SIGNS: Mapping[Kind, int] = {"part": -1, "tunnel": 1, "cavity": -1}  # of the change of the solid's χ
-_ROW: Mapping[Kind, int] = {"part": 0, "tunnel": 1, "cavity": 2}
 _HALF_DIAGONAL = 0.87  # of a voxel: by so much distances between centers exceed those to the surface
 
 
@@ -64,6 +63,43 @@ class Step(NamedTuple):
         return sum(_SIGNS[kind] for kind, _ in self.ways)
 
 
+class Block(NamedTuple):
+    """A block of a larger volume, in which only what is settled by the block alone is changed.
+
+    Attributes:
+        ends: at which of its ends the volume goes on.
+        core: first and last + 1 voxel along each axis of the box in which narrow places are this block's to change; as
+            far from where the volume goes on as `margins` says, or farther.
+    """
+
+    ends: Ends
+    core: tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+
+    def has(self, found: tuple[Filled, ...]) -> bool:
+        """Whether all places are in the core."""
+        sides = np.array(self.core)
+        return all(((one.voxel >= sides[:, 0]) & (one.voxel < sides[:, 1])).all() for one in found)
+
+
+class Simplified(NamedTuple):
+    """What `simplified` found.
+
+    Attributes:
+        solid: (X, Y, Z).
+        steps: that lead to it, each of which was counted.
+        before: Betti numbers of the solid before.
+        narrowest: lower bound of the widths of features that were seen and are not narrower; infinite if none was.
+        unsettled: of a block, narrow places in its core which may or may not be features, depending on what is beyond
+            the block, and what they would be.
+    """
+
+    solid: Booleans
+    steps: list[Step]
+    before: Betti
+    narrowest: float
+    unsettled: list[tuple[Way, Filled]]
+
+
 class _Counted(NamedTuple):
     """Forests of a solid and of its background, its Euler characteristic, and its numbers of features."""
 
@@ -79,7 +115,7 @@ class _Volume(NamedTuple):
         solid: (M,) 1 inside.
         background: (M,) 1 outside.
         shape: (X, Y, Z) of both.
-        margins: layers along each axis.
+        first: layers along each axis before what may change.
         zone: where voxels may change sides.
         ranks: memory to work in; see `Growth`.
     """
@@ -87,7 +123,7 @@ class _Volume(NamedTuple):
     solid: Counts
     background: Counts
     shape: tuple[int, ...]
-    margins: tuple[int, int, int]
+    first: tuple[int, int, int]
     zone: Zone
     ranks: Ranks
 
@@ -98,13 +134,14 @@ class _Volume(NamedTuple):
 
 
 class _Wanted(NamedTuple):
-    """What `simplified` is asked for."""
+    """What `simplified` is asked for, and the widths of features that are seen and not narrower."""
 
     cost: Floats | None
     below: float
     ways: frozenset[Way]
     connectivity: int
     spacing: tuple[float, float, float]
+    wider: list[float]
 
     @property
     def reach(self) -> float:
@@ -120,7 +157,8 @@ def simplified(
     widths: Callable[[Integers], Widths],
     connectivity: int,
     spacing: tuple[float, float, float],
-) -> tuple[Booleans, list[Step]]:
+    block: Block | None = None,
+) -> Simplified:
     """A solid without the features narrower than a width, as far as ways to remove them are allowed.
 
     Args:
@@ -131,40 +169,48 @@ def simplified(
         widths: of places (M, 3), given the voxels (N, 3) that have changed sides.
         connectivity: 6 or 26, that of the solid.
         spacing: size of a voxel along each axis.
-
-    Returns:
-        (X, Y, Z) and the steps that lead to it, each of which was counted.
+        block: what part of a larger volume this is; None if it is the whole.
     """
-    asked = _Wanted(None, below, ways, connectivity, spacing)
-    sides = [(n, n) for n in margins(asked.reach, spacing)]
+    asked = _Wanted(None, below, ways, connectivity, spacing, [np.inf])
+    ends = CLOSED if block is None else block.ends
+    sides = [(n * (not a), n * (not b)) for n, (a, b) in zip(margins(asked.reach, spacing), ends, strict=True)]
     if cost is not None:
         asked = asked._replace(cost=np.pad(cost, sides).ravel())
-    volume = _volume(np.pad(inside, sides), asked)
+    x, y, z = (n for n, _ in sides)
+    volume = _volume(np.ascontiguousarray(np.pad(inside, sides)), (x, y, z), asked, ends)
     counted = _counted(volume, int(solid_euler(inside, connectivity=connectivity)), connectivity)
     beside = 2 * int(np.ceil(asked.reach / min(spacing)))
-    cells, taken = volume.zone.voxels, list[Step]()
+    cells, taken, before = volume.zone.voxels, list[Step](), counted.betti
+    unsettled: list[tuple[Way, Filled]] | None = None
     while len(cells):
-        current = widths(_changed(taken) - volume.margins)
-        found = [s for is_added in (False, True) for s in _steps(volume, counted, is_added, cells, asked, current)]
+        current = widths(changed_voxels(taken) - volume.first)
+        both = [_steps(volume, counted, is_added, cells, asked, current) for is_added in (False, True)]
+        found = [step for steps, _ in both for step in steps]
+        if block is not None:
+            found = [step for step in found if block.has(_moved(step, volume.first).filled)]
+        if unsettled is None:
+            unsettled = [one for _, others in both for one in others]
         found.sort(key=lambda step: _cost(step, volume, asked.cost))
         done, counted = _taken(volume, found, counted, connectivity)
         taken += done
         cells = _near(volume, [step.voxels for step in found] if done else [], beside)
-    inner = tuple(slice(n, size - n) for n, size in zip(volume.margins, volume.shape, strict=True))
+    inner = tuple(slice(n, n + size) for n, size in zip(volume.first, inside.shape, strict=True))
     mended: Booleans = volume.solid.view(bool).reshape(volume.shape)[inner].copy()
-    return mended, [_moved(step, volume.margins) for step in taken]
+    rest = [(way, one._replace(voxel=one.voxel - volume.first)) for way, one in unsettled or []]
+    rest = [(way, one) for way, one in rest if block is None or block.has((one,))]
+    return Simplified(mended, [_moved(step, volume.first) for step in taken], before, min(asked.wider), rest)
 
 
-def _volume(solid: Booleans, asked: _Wanted) -> _Volume:
+def _volume(solid: Booleans, first: tuple[int, int, int], asked: _Wanted, ends: Ends) -> _Volume:
     """A solid with a zone around its narrow places, whether they are in the background or in the solid itself."""
-    around, connectivity = margins(asked.reach, asked.spacing), asked.connectivity
-    zone = Zone(solid, around_narrow_places(solid, asked.reach, asked.spacing, connectivity), connectivity)
-    ranks = np.full(solid.size, -1, dtype=np.int32)
+    connectivity = asked.connectivity
+    zone = Zone(solid, around_narrow_places(solid, asked.reach, asked.spacing, connectivity), connectivity, ends)
+    ranks = np.full(zone.n_nodes, -1, dtype=np.int32)
     own, other = (one.ravel().view(np.int8) for one in (solid, ~solid))
-    return _Volume(own, other, solid.shape, around, zone, ranks)
+    return _Volume(own, other, solid.shape, first, zone, ranks)
 
 
-def _changed(steps: list[Step]) -> Integers:
+def changed_voxels(steps: list[Step]) -> Integers:
     """The voxels (N, 3) that are on another side after some steps; one of two steps is on the side where it was."""
     voxels = np.concatenate([np.empty((0, 3), dtype=np.int64), *(step.voxels for step in steps)])
     once, counts = np.unique(voxels, axis=0, return_counts=True)
@@ -173,32 +219,35 @@ def _changed(steps: list[Step]) -> Integers:
 
 def _steps(
     volume: _Volume, counted: _Counted, is_added: bool, cells: Integers, asked: _Wanted, widths: Widths
-) -> list[Step]:
-    """The changes of one sign that remove features, within some voxels of the zone."""
+) -> tuple[list[Step], list[tuple[Way, Filled]]]:
+    """The changes of one sign that remove features, within some voxels of the zone, and what is not settled."""
     if not any(_WAYS[is_added, dimension] in asked.ways for dimension in range(3)):
-        return []
+        return [], []
 
     def wanted(dimension: int, sizes: Floats) -> Booleans:
+        asked.wider.append(float(sizes[sizes >= asked.below].min(initial=np.inf)))
         return (sizes < asked.below) & (_WAYS[is_added, dimension] in asked.ways)
 
     own = volume.solid if is_added else volume.background
     zone, ranks = volume.zone, volume.ranks
-    layer = layer_around(own, cells[own[cells] == 0], ranks, zone.around, asked.reach, asked.spacing)
+    layer = layer_around(own, cells[own[cells] == 0], zone, ranks, asked.reach, asked.spacing)
     connectivity = asked.connectivity if is_added else dual_connectivity(asked.connectivity)
     growth = Growth(own, volume.shape, zone, ranks, connectivity)
-    known = counted.regions if is_added else counted.regions[::-1]
-    patches = closing(growth, known, layer, lambda at: widths(at - volume.margins), wanted, asked.cost)
-    return [_step(patch, is_added, volume.shape) for patch in patches]
+    parts, holes = counted.regions if is_added else counted.regions[::-1]
+    known = zone.with_outside(parts, own, 1), holes
+    patches, others = closing(growth, known, layer, lambda at: widths(at - volume.first), wanted, asked.cost)
+    steps = [_step(patch, is_added, volume.shape) for patch in patches]
+    return steps, [(_WAYS[is_added, one.dimension], one) for one in others]
 
 
 def _step(patch: Patch, is_added: bool, shape: tuple[int, ...]) -> Step:
     return Step(np.stack(np.unravel_index(patch.voxels, shape), axis=1), is_added, patch.filled)
 
 
-def _moved(step: Step, margins: tuple[int, int, int]) -> Step:
+def _moved(step: Step, first: tuple[int, int, int]) -> Step:
     """A step in the solid without the layers around it."""
-    filled = tuple(one._replace(voxel=one.voxel - margins) for one in step.filled)
-    return Step(step.voxels - margins, step.is_added, filled)
+    filled = tuple(one._replace(voxel=one.voxel - first) for one in step.filled)
+    return Step(step.voxels - first, step.is_added, filled)
 
 
 def _at(step: Step, volume: _Volume) -> Integers:
@@ -227,7 +276,7 @@ def _taken(volume: _Volume, steps: list[Step], before: _Counted, connectivity: i
         is_changed[tuple(step.voxels.T)] = True
         done.append(step)
         euler += step.euler
-        np.subtract.at(expected, [_ROW[kind] for kind, _ in step.ways], 1)
+        np.subtract.at(expected, [KINDS.index(kind) for kind, _ in step.ways], 1)
     if not done:
         return [], before
     after = _counted(volume, euler, connectivity)

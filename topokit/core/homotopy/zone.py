@@ -10,10 +10,15 @@ import numpy as np
 
 from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.blocks.planes import root_of
+from topokit.core.blocks.planes import root_of, unite
 from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
 from topokit.core.homotopy.runs import ELSEWHERE, labeled
-from topokit.core.homotopy.simple_points import Counts, Indices, code_at, component, touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, touching
+
+Ends = tuple[tuple[bool, bool], tuple[bool, bool], tuple[bool, bool]]
+"""For each axis, whether the volume goes on before the first layer of a block, and after the last one."""
+
+CLOSED: Ends = ((False, False), (False, False), (False, False))
 
 
 class Zone:
@@ -24,18 +29,28 @@ class Zone:
         nodes: (M,) of all voxels, a number of its own for each voxel of the zone, and one for each region outside of
             it.
         n_outside: number of regions outside.
+        n_nodes: numbers from 0 on that there are in all.
         around: (27,) steps to the neighbors of a voxel.
     """
 
-    def __init__(self, solid: Booleans, voxels: Integers, connectivity: int) -> None:
-        """Args: solid (X, Y, Z); voxels (N,): ascending flat indices; connectivity: 6 or 26, that of the solid."""
+    def __init__(self, solid: Booleans, voxels: Integers, connectivity: int, ends: Ends = CLOSED) -> None:
+        """Take a solid.
+
+        Args:
+            solid: (X, Y, Z).
+            voxels: (N,) of the zone, ascending flat indices, none of them in an end layer.
+            connectivity: 6 or 26, that of the solid.
+            ends: at which of its ends the volume goes on.
+        """
         self.voxels, self.around = voxels, strides_around(solid.shape)
-        states = solid.astype(np.uint8)
+        states = np.array(solid, dtype=np.uint8, order="C")  # also of a solid whose first axis varies fastest
         states.ravel()[voxels] = ELSEWHERE
         self.nodes, self._states = labeled(states, connectivity)
         self.n_outside = len(self._states) - 1
+        self._open = _at_ends(self.nodes, solid.shape, ends)
         self.nodes[voxels] = np.arange(len(voxels)) + len(self._states)
-        self._clusters = np.arange(self.n_outside + len(voxels) + 1, dtype=np.int32)
+        self.n_nodes = self.n_outside + len(voxels) + 1
+        self._clusters = np.arange(self.n_nodes, dtype=np.int32)
         _cluster(voxels, self.nodes, self.n_outside, self.around, self._clusters)
 
     def forest(self, inside: Counts, phase: int, connectivity: int) -> Nodes:
@@ -46,24 +61,60 @@ class Zone:
             phase: 1 for the solid, 0 for the background.
             connectivity: 6 or 26, that of the phase.
         """
-        parents = np.arange(self.n_outside + len(self.voxels) + 1, dtype=np.int32)
-        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self.around, connectivity, parents)
+        parents = np.arange(self.n_nodes, dtype=np.int32)
+        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self._steps(connectivity), parents)
         return parents
+
+    def with_outside(self, parents: Nodes, inside: Counts, phase: int) -> Nodes:
+        """The forest of a phase if all its regions that reach where the volume goes on are joined there."""
+        at_ends = self.nodes[self._open[inside[self._open] == phase]]
+        if len(at_ends) < 2:
+            return parents
+        joined = parents.copy()
+        for node in at_ends[1:]:
+            unite(joined, int(at_ends[0]), int(node))
+        return joined
 
     def join(self, parents: Nodes, inside: Counts, phase: int, voxels: Indices, connectivity: int) -> None:
         """Add some voxels (N,) of a phase to its forest."""
-        _unite(inside, phase, voxels, self.nodes, len(self.nodes), self.around, connectivity, parents)
+        _unite(inside, phase, voxels, self.nodes, self.n_nodes, self._steps(connectivity), parents)
+
+    def _steps(self, connectivity: int) -> Integers:
+        """Steps to the voxels around one that it is joined to."""
+        return self.around[np.abs(OFFSETS).sum(axis=1) == 1] if connectivity == 6 else np.delete(self.around, 13)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether any region reaches where the volume goes on."""
+        return len(self._open) > 0
+
+    def part_of(self, voxels: Indices) -> Nodes:
+        """A number (N,) for the part of the zone that each of some voxels is in; parts do not touch by corners."""
+        parts: Nodes = self._clusters[self.nodes[voxels]]
+        return parts
 
     def are_with(self, voxels: Indices, others: Indices) -> Booleans:
         """Which voxels (N,) of the zone are in one part of it, joined also by corners, with one of others (M,)."""
         has_other = np.zeros(len(self._clusters), dtype=bool)
-        has_other[self._clusters[self.nodes[others]]] = True
-        return has_other[self._clusters[self.nodes[voxels]]]
+        has_other[self.part_of(others)] = True
+        return has_other[self.part_of(voxels)]
 
     def counts(self, inside: Counts, solid: Nodes, background: Nodes) -> tuple[int, int]:
         """Numbers of regions of the solid and of the background, given their forests."""
         states, own = np.concatenate((self._states, inside[self.voxels])), np.arange(len(solid))
         return int(((solid == own) & (states == 1)).sum()), int(((background == own) & (states == 0)).sum())
+
+
+def _at_ends(nodes: Nodes, shape: tuple[int, ...], ends: Ends) -> Integers:
+    """A voxel (K,) of each region that is in those end layers of a block where the volume goes on."""
+    found = np.empty(0, dtype=np.int64)
+    for axis, both in enumerate(ends):
+        for place, goes_on in zip((0, shape[axis] - 1), both, strict=True):
+            if goes_on:
+                sides = [np.arange(n) if k != axis else np.array([place]) for k, n in enumerate(shape)]
+                found = np.concatenate((found, np.ravel_multi_index(np.ix_(*sides), shape).ravel()))
+                found = found[np.unique(nodes[found], return_index=True)[1]]
+    return found
 
 
 @compiled
@@ -73,20 +124,19 @@ def _unite(
     voxels: Indices,
     nodes: Nodes,
     n_outside: int,
-    around: Integers,
-    connectivity: int,
+    steps: Integers,
     parents: Nodes,
 ) -> None:
-    """Join the nodes of voxels of a phase with those around; of two above `n_outside` the later one does it."""
+    """Join voxels of a phase with those some steps away; of two nodes above `n_outside` the later one does it."""
     for voxel in voxels:
         if inside[voxel] != phase:
             continue
         root = root_of(parents, nodes[voxel])
-        for k in range(27):
-            if connectivity == 6 and k not in (4, 10, 12, 14, 16, 22):
+        for k in range(len(steps)):
+            other = voxel + steps[k]
+            if inside[other] != phase or (steps[k] > 0 and nodes[other] > n_outside):
                 continue
-            other = voxel + around[k]
-            if inside[other] != phase or (k > 13 and nodes[other] > n_outside):
+            if parents[nodes[other]] == root:
                 continue
             found = root_of(parents, nodes[other])
             if found != root:

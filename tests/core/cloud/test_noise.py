@@ -105,7 +105,8 @@ def test_fewer_points_lie_nearer_to_the_surface(shape: str, sigma: float) -> Non
     points = noisy(shape, 20_000, sigma)
     found = averaged(around(points), settings)
     assert found is not None
-    moved, kept, owner = found
+    moved, kept, owner, blur = found
+    assert blur == pytest.approx(2 * sigma, rel=0.2)
     assert moved.shape == (len(kept), 3)
     assert 1000 < len(kept) <= 10_000
     assert (np.diff(kept) > 0).all()

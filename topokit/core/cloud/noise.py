@@ -29,7 +29,23 @@ class Noise(NamedTuple):
     neighbors: int
 
 
-def averaged(patches: Patches, settings: CloudSettings) -> tuple[Floats, Integers, Integers] | None:
+class Averaged(NamedTuple):
+    """Evenly spread points of a noisy cloud, moved onto planes through its points.
+
+    Attributes:
+        points: (M, 3), where they are now.
+        kept: (M,), their indices in the cloud.
+        owner: (N,), the one that stands for each point of the cloud.
+        blur: width of the details that were lost with the noise, in units of length.
+    """
+
+    points: Floats
+    kept: Integers
+    owner: Integers
+    blur: float
+
+
+def averaged(patches: Patches, settings: CloudSettings) -> Averaged | None:
     """Evenly spread points of a noisy cloud, moved onto planes through its points; None if there is no need.
 
     There is none if samples two standard deviations apart would not be fewer, or if points are off their planes because
@@ -38,9 +54,6 @@ def averaged(patches: Patches, settings: CloudSettings) -> tuple[Floats, Integer
     Args:
         patches: neighborhoods of N points.
         settings: of the noise, and the size up to which clouds are used whole.
-
-    Returns:
-        Positions (M, 3), the indices (M,) of these points, and for every point (N,) the one that stands for it.
     """
     points, own = patches.points, settings.noise
     noise = None if patches.roughness <= settings.signs.dense_roughness else noise_of(patches, settings)
@@ -57,7 +70,7 @@ def averaged(patches: Patches, settings: CloudSettings) -> tuple[Floats, Integer
     moved = points[kept]
     for _ in range(_ROUNDS):
         moved = _on_planes(moved, patches.tree, n_neighbors)
-    return moved, kept, owner
+    return Averaged(moved, kept, owner, own.apart * noise.level)
 
 
 def noise_of(patches: Patches, settings: CloudSettings) -> Noise | None:

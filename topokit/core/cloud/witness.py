@@ -86,13 +86,13 @@ def global_witness(
         refuse_filled_space(cloud.points, settings.sampling.probes, settings.guards)
         preparation: Preparation = "whole" if len(cloud.points) <= settings.sampling.whole else "sampled"
         fewer = averaged(patches, settings)
-        owner = np.arange(len(cloud.points))
+        owner, blur = np.arange(len(cloud.points)), 0.0
         if fewer is not None:
-            moved, kept, owner = fewer
+            moved, kept, owner, blur = fewer
             cloud, preparation = cloud.at(moved, kept), "averaged"
             patches, entry = patches_of(moved, settings.patches), entry.reduced(kept)
         found = reconstruct_again(reconstruct(cloud, patches, settings), settings)
-        return _solid_witness(entry, found, owner, preparation, settings, start)
+        return _solid_witness(entry, found, owner, blur, preparation, settings, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +165,7 @@ def _solid_witness(
     entry: _Entry,
     found: Reconstruction,
     owner: Integers,
+    blur: float,
     preparation: Preparation,
     settings: CloudSettings,
     start: float,
@@ -187,7 +188,7 @@ def _solid_witness(
         n_points=len(entry.positions),
         n_used=len(used),
         spacing=cloud.local.spacing * entry.unit_length,
-        resolution=found.resolution * entry.unit_length,
+        resolution=(found.resolution + blur) * entry.unit_length,
         seconds={
             "orientation": found.oriented_at - start,
             "votes": time.perf_counter() - found.oriented_at,

@@ -81,7 +81,7 @@ def cloud_report(
 
 def _with_left_out(report: TopologyReport, width: float) -> TopologyReport:
     """The report, unsure if a part as wide as its resolution was left out."""
-    if report.resolution is None or width < report.resolution:
+    if not width or report.resolution is None or width < report.resolution:
         return report
     n_failed = report.n_deciding if report.verdict == "unsure" else 0
     reasons = (floater_sentence(width, report.resolution), *report.reasons)

@@ -65,6 +65,11 @@ def test_few_points_have_neighborhoods_of_fewer_sizes() -> None:
     assert level(noisy("sphere", 400, 0.1)) == pytest.approx(0.1, rel=0.5)
 
 
+def test_points_that_fill_space_are_left_alone() -> None:
+    blob = np.random.default_rng(0).normal(size=(2000, 3))
+    assert averaged(around(blob), SETTINGS) is None
+
+
 def test_a_surface_that_bends_has_no_noise() -> None:
     assert noise_of(around(noisy("sphere", 3000, 0.0)), SETTINGS) is None
 

@@ -112,7 +112,8 @@ def simplified(
 ) -> tuple[Floats, NDArray[np.int64], list[Removal]]:
     """Without the small handles, whether or not caps meet something."""
     closed = mesh_topology(vertices, faces).faces
-    return without_small_handles(vertices, closed, below, frozenset({"cut", "filled"}), check=False)
+    *_, last = without_small_handles(vertices, closed, below, frozenset({"cut", "filled"}), check=False)
+    return last.vertices, last.faces, last.removals
 
 
 def moved(mesh: Mesh, by: float) -> Mesh:

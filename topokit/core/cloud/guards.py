@@ -57,25 +57,32 @@ def is_flat(points: Floats) -> bool:
 
 
 def refuse_filled_space(points: Floats, probes: int, settings: GuardSettings) -> None:
-    """Refuse points (N, 3) whose neighborhoods are round at all scales: a blob, a lattice or plain noise.
+    """Refuse points (N, 3) that fill space: a blob, a lattice or plain noise. See `fills_space`.
+
+    With few points noise, walls and space cannot be told apart.
+
+    Raises:
+        InputError: if at least 10 000 points fill space.
+    """
+    if len(points) >= settings.fewest_in_space and fills_space(points, probes, settings):
+        raise InputError(
+            f"the {len(points)} points fill space: neighborhoods of all sizes are as thick as they are wide, so they "
+            "lie on no surface."
+        )
+
+
+def fills_space(points: Floats, probes: int, settings: GuardSettings) -> bool:
+    """Whether neighborhoods of points (N, 3) are round at all scales, or there are fewer points than probes to see it.
 
     Around a point of a surface the neighbors lie near a plane. On a noisy surface this shows only in neighborhoods
-    wider than the noise, on one with many thin walls only in small ones. With few points noise, walls and space cannot
-    be told apart.
+    wider than the noise, on one with many thin walls only in small ones.
 
     Args:
         points: as above.
         probes: number of neighborhoods of each size.
         settings: of the limits.
-
-    Raises:
-        InputError: if at least 10 000 points fill space.
     """
-    if len(points) >= settings.fewest_in_space and least_roundness(points, probes, settings) > settings.round:
-        raise InputError(
-            f"the {len(points)} points fill space: neighborhoods of all sizes are as thick as they are wide, so they "
-            "lie on no surface."
-        )
+    return least_roundness(points, probes, settings) > settings.round
 
 
 def least_roundness(points: Floats, probes: int, settings: GuardSettings) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.guards import FEWEST_POINTS
+from topokit.core.cloud.guards import FEWEST_POINTS, fills_space
 from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import Patches, in_blocks, plane_axes
 from topokit.core.cloud.sampling.downsampling import downsample
@@ -48,8 +48,8 @@ class Averaged(NamedTuple):
 def averaged(patches: Patches, settings: CloudSettings) -> Averaged | None:
     """Evenly spread points of a noisy cloud, moved onto planes through its points; None if there is no need.
 
-    There is none if samples two standard deviations apart would not be fewer, or if points are off their planes because
-    two sheets are close together.
+    There is none if samples two standard deviations apart would not be fewer, if points are off their planes because
+    two sheets are close together, or if they fill space.
 
     Args:
         patches: neighborhoods of N points.
@@ -58,6 +58,8 @@ def averaged(patches: Patches, settings: CloudSettings) -> Averaged | None:
     points, own = patches.points, settings.noise
     noise = None if patches.roughness <= settings.signs.dense_roughness else noise_of(patches, settings)
     if noise is None or _is_double(patches, noise.neighbors, settings):
+        return None
+    if fills_space(points, settings.sampling.probes, settings.guards):
         return None
     radius = own.reach * noise.level
     within = float(np.median(patches.tree.query_ball_point(_probes(points, settings), radius, return_length=True)))

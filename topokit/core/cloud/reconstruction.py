@@ -68,6 +68,7 @@ class Reconstruction:
         settings: with which it was found.
         is_shifted: whether the samples were shifted along their normals.
         is_smoothed: whether votes of smoothed samples were added.
+        blur: width of the details that were averaged away with the noise before, in units of length.
     """
 
     cloud: OrientedCloud
@@ -81,6 +82,7 @@ class Reconstruction:
     settings: CloudSettings
     is_shifted: bool = False
     is_smoothed: bool = False
+    blur: float = 0.0
 
     @property
     def cut(self) -> Cut:
@@ -126,17 +128,18 @@ class Reconstruction:
     @property
     def _feature(self) -> float:
         """Width of the narrowest feature that is seen where samples are spaced as usual, in their spacings."""
-        own = self.settings.quality
-        return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0)
+        own, blur = self.settings.quality, self.blur / self.cloud.local.spacing
+        return own.feature + own.blur * max(self.quality.roughness - own.clean, 0.0) + blur
 
 
-def reconstruct(cloud: Cloud, patches: Patches, settings: CloudSettings) -> Reconstruction:
+def reconstruct(cloud: Cloud, patches: Patches, settings: CloudSettings, blur: float = 0.0) -> Reconstruction:
     """Reconstruct the surface of a cloud.
 
     Args:
         cloud: with more than ten points.
         patches: neighborhoods of its points.
         settings: see there.
+        blur: width of the details that were averaged away with the noise before, in units of length.
     """
     begin("signs")
     oriented, signs, found = _oriented(cloud, patches, settings)
@@ -144,7 +147,7 @@ def reconstruct(cloud: Cloud, patches: Patches, settings: CloudSettings) -> Reco
     begin("counting")
     votes, cuts = gather_votes(oriented, settings)
     quality = sample_quality(oriented, patches, cuts[0], settings)
-    return Reconstruction(oriented, patches, signs, found, votes, cuts, quality, oriented_at, settings)
+    return Reconstruction(oriented, patches, signs, found, votes, cuts, quality, oriented_at, settings, blur=blur)
 
 
 def _oriented(

@@ -91,8 +91,8 @@ def global_witness(
             moved, kept, owner, blur = fewer
             cloud, preparation = cloud.at(moved, kept), "averaged"
             patches, entry = patches_of(moved, settings.patches), entry.reduced(kept)
-        found = reconstruct_again(reconstruct(cloud, patches, settings), settings)
-        return _solid_witness(entry, found, owner, blur, preparation, settings, start)
+        found = reconstruct_again(reconstruct(cloud, patches, settings, blur), settings)
+        return _solid_witness(entry, found, owner, preparation, settings, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,6 @@ def _solid_witness(
     entry: _Entry,
     found: Reconstruction,
     owner: Integers,
-    blur: float,
     preparation: Preparation,
     settings: CloudSettings,
     start: float,
@@ -188,7 +187,7 @@ def _solid_witness(
         n_points=len(entry.positions),
         n_used=len(used),
         spacing=cloud.local.spacing * entry.unit_length,
-        resolution=(found.resolution + blur) * entry.unit_length,
+        resolution=found.resolution * entry.unit_length,
         seconds={
             "orientation": found.oriented_at - start,
             "votes": time.perf_counter() - found.oriented_at,

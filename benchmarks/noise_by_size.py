@@ -23,10 +23,9 @@ import trimesh
 from confidence import clean_meshes, mesh_of, read_rows
 from random_solids import random_solid
 from scale_truth import right_at_scale
-from smooth_shapes import FIELDS, level_set
+from smooth_shapes import smooth_meshes
 
 import topokit as tk
-from topokit.testing import genus_mesh
 
 SIZES, NOISES = (10_000, 60_000, 200_000), (0.005, 0.01, 0.02)
 FIRST_SOLID, N_SOLIDS = 5_000, 6  # seeds that no calibration used
@@ -34,10 +33,8 @@ FIRST_SOLID, N_SOLIDS = 5_000, 6  # seeds that no calibration used
 
 def shapes(folder: Path | None, every: int) -> Iterator[tuple[str, str, trimesh.Trimesh]]:
     """Family, name and closed mesh of each shape."""
-    for name, recipe in FIELDS.items():
-        yield "smooth", name, trimesh.Trimesh(*level_set(*recipe), process=False)
-    for genus in range(2, 7):
-        yield "smooth", f"genus {genus}", trimesh.Trimesh(*genus_mesh(genus), process=False)
+    for name, mesh in smooth_meshes().items():
+        yield "smooth", name, trimesh.Trimesh(*mesh, process=False)
     for seed in range(FIRST_SOLID, FIRST_SOLID + N_SOLIDS):
         yield "solid", f"solid {seed}", random_solid(seed)
     rows = clean_meshes(folder) if folder else {}

@@ -64,14 +64,19 @@ def level_set(field: Callable[[Floats], Floats], half: float, steps: int = 140) 
     return vertices.astype(np.float64) * 2 * half / (steps - 1), faces.astype(np.int64)
 
 
+def smooth_meshes() -> dict[str, Mesh]:
+    """The twelve shapes by name."""
+    meshes = {name: level_set(*recipe) for name, recipe in FIELDS.items()}
+    return meshes | {f"genus {genus}": genus_mesh(genus) for genus in range(2, 7)}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--points", type=int, nargs="+", default=[5_000, 10_000])
     options = parser.parse_args()
-    meshes = {name: level_set(*recipe) for name, recipe in FIELDS.items()}
-    meshes |= {f"genus {genus}": genus_mesh(genus) for genus in range(2, 7)}
+    meshes = smooth_meshes()
     print("| points | noise | right | likely | wrong likely | median s | wrong |")
     print("|---" * 7 + "|")
     for n_points in options.points:

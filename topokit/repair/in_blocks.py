@@ -67,9 +67,8 @@ def simplified_in_blocks(
                 advance((number + 1) / len(cores))
         answer = _shape_of(shape, stored, copy.path).counted
     made = _shape_of(shape, stored, Path(out), answer)
-    left_over = tuple(sorted(unsettled, key=lambda one: (one.width, one.place)))
     after = made.report().solid_betti
-    done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, left_over)
+    done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, unsettled)
     return made.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 

@@ -64,10 +64,9 @@ def _made(shape: Shape, below: float, before: Betti, removals: list[Removal], do
     after = made.report().solid_betti
     if after is None:
         raise AssertionError(f"{shape.name}: a closed mesh has no Betti numbers")
-    in_order = tuple(sorted(removals + done.removals, key=lambda one: (one.width, one.place)))
-    changed, seen = sum(one.changed for one in in_order), done.narrowest
-    told = Simplification(below, in_order, before, after, changed, "face", narrowest=seen if seen < math.inf else None)
-    unchecked = (_UNCHECKED,) if in_order and not was_checked else ()
+    removed = removals + done.removals
+    told = Simplification.of(below, removed, before, after, sum(one.changed for one in removed), "face", done.narrowest)
+    unchecked = (_UNCHECKED,) if removed and not was_checked else ()
     notes = (*shape.notes, *made.notes, told.summary(), *unchecked)
     return made.replace(name=shape.name, notes=notes, n_neighbors=shape.n_neighbors, simplification=told)
 

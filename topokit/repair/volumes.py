@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -106,17 +106,15 @@ def counted_simplification(
     after: Betti | None,
     changed: int,
     narrowest: float,
-    unsettled: tuple[Unsettled, ...] = (),
+    unsettled: Iterable[Unsettled] = (),
 ) -> Simplification:
-    """What was done to a volume, narrowest first, held against counts."""
+    """What was done to a volume, held against counts."""
     expected = [*before]
     for one in removals:
         expected[KINDS.index(one.kind)] -= 1
     if after is None or tuple(after) != tuple(expected):
         raise AssertionError(f"{name}: {expected} was expected of what was removed, {after} was counted")
-    in_order = tuple(sorted(removals, key=lambda one: (one.width, one.place)))
-    seen = narrowest if narrowest < np.inf else None
-    return Simplification(below, in_order, before, after, changed, "voxel", unsettled=unsettled, narrowest=seen)
+    return Simplification.of(below, removals, before, after, changed, "voxel", narrowest, unsettled)
 
 
 def voxel_field(shape: Shape) -> VoxelField:

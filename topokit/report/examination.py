@@ -267,7 +267,7 @@ class Examination:
         is_unsure = bool(self.checks) and cloud_verdict(self.checks) == "unsure"
         return scene.read(None if is_unsure else THRESHOLDS["finer"].value * witness.resolution)
 
-    @property
+    @cached_property
     def opaque(self) -> OpacityReading | None:
         """That solid, if the integer is its own and not that of the samples."""
         seen, witness = self.opacity, self.witness

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -56,6 +58,24 @@ class Simplification:
     filled: int = 0
     unsettled: tuple[Unsettled, ...] = ()
     narrowest: float | None = None
+
+    @classmethod
+    def of(
+        cls,
+        below: float,
+        removals: Iterable[Removal],
+        before: Betti,
+        after: Betti,
+        changed: int,
+        unit: Unit,
+        narrowest: float,
+        unsettled: Iterable[Unsettled] = (),
+    ) -> Simplification:
+        """The table of what was found in any order; `narrowest` is infinite if nothing that stays was seen."""
+        done = tuple(sorted(removals, key=lambda one: (one.width, one.place)))
+        left = tuple(sorted(unsettled, key=lambda one: (one.width, one.place)))
+        seen = narrowest if narrowest < math.inf else None
+        return cls(below, done, before, after, changed, unit, unsettled=left, narrowest=seen)
 
     def summary(self) -> str:
         """The numbers before and after, in one sentence, or that nothing was removed."""

@@ -57,15 +57,13 @@ def averaged(patches: Patches, settings: CloudSettings) -> Averaged | None:
     """
     points, own = patches.points, settings.noise
     noise = None if patches.roughness <= settings.signs.dense_roughness else noise_of(patches, settings)
-    if noise is None or _is_double(patches, noise.neighbors, settings):
-        return None
-    if fills_space(points, settings.sampling.probes, settings.guards):
+    if noise is None:
         return None
     radius = own.reach * noise.level
     within = float(np.median(patches.tree.query_ball_point(_probes(points, settings), radius, return_length=True)))
     n_apart = len(points) / within * (own.reach / own.apart) ** 2 * np.pi
     budget = int(np.clip(n_apart, FEWEST_POINTS, settings.sampling.whole))
-    if budget >= len(points):
+    if budget >= len(points) or _is_no_noise(patches, noise, settings):
         return None
     kept, owner = downsample(points, budget, "even")
     n_neighbors = int(np.clip(within, own.sizes[0], own.sizes[-1]))
@@ -95,9 +93,14 @@ def noise_of(patches: Patches, settings: CloudSettings) -> Noise | None:
     return Noise(float(np.exp(thickness[at])), sizes[at]) if growth[at] < 1 else None
 
 
-def _is_double(patches: Patches, neighbors: int, settings: CloudSettings) -> bool:
-    own = replace(settings.doubles, neighbors=max(neighbors, settings.doubles.neighbors))
-    return double_share(patches, settings.sampling.probes, own) > own.share
+def _is_no_noise(patches: Patches, noise: Noise, settings: CloudSettings) -> bool:
+    """Whether points are off their planes because there are two sheets, or because they fill space."""
+    probes, own = settings.sampling.probes, settings.doubles
+    own = replace(own, neighbors=max(noise.neighbors, own.neighbors))
+    if double_share(patches, probes, own) > own.share:
+        return True
+    is_small = len(patches.points) < settings.guards.fewest_in_space  # larger clouds that fill space were refused
+    return is_small and fills_space(patches.points, probes, settings.guards)
 
 
 def _probes(points: Floats, settings: CloudSettings) -> Floats:

@@ -10,7 +10,8 @@ from topokit.core.blocks.compiled import compiled
 
 Bits = NDArray[np.uint64]
 
-_WORD = 64
+WORD = 64
+"""Voxels in a word."""
 
 
 def packed(solid: Booleans) -> Bits:
@@ -39,12 +40,12 @@ def _voxels_of(rows: Bits, length: int) -> Integers:
     for row in range(len(rows) - 1, -1, -1):
         for at in range(rows.shape[1] - 1, -1, -1):
             word = rows[row, at]
-            for bit in range(_WORD - 1, -1, -1):
+            for bit in range(WORD - 1, -1, -1):
                 if word == 0:
                     break
                 if word >> np.uint64(bit) & np.uint64(1):
                     count -= 1
-                    found[count] = row * length + at * _WORD + bit
+                    found[count] = row * length + at * WORD + bit
                     word ^= np.uint64(1) << np.uint64(bit)
     return found
 
@@ -52,10 +53,10 @@ def _voxels_of(rows: Bits, length: int) -> Integers:
 @compiled
 def of_voxels(voxels: Integers, shape: tuple[int, int, int]) -> Bits:
     """A volume in which some voxels, given by their flat indices (N,), are set."""
-    rows = np.zeros((shape[0] * shape[1], (shape[2] + _WORD - 1) // _WORD), dtype=np.uint64)
+    rows = np.zeros((shape[0] * shape[1], (shape[2] + WORD - 1) // WORD), dtype=np.uint64)
     for voxel in voxels:
         row, z = voxel // shape[2], voxel % shape[2]
-        rows[row, z // _WORD] |= np.uint64(1) << np.uint64(z % _WORD)
+        rows[row, z // WORD] |= np.uint64(1) << np.uint64(z % WORD)
     return rows.reshape(shape[0], shape[1], -1)
 
 
@@ -78,11 +79,11 @@ def _ahead(bits: Bits, axis: int, steps: int) -> Bits:
     """What is so many steps ahead of every voxel, 0 beyond the ends."""
     if axis < 2:
         return _moved(bits, axis, steps)
-    words, rest = divmod(steps, _WORD)
+    words, rest = divmod(steps, WORD)
     first = _moved(bits, 2, words)
     if rest == 0:
         return first
-    return (first >> np.uint64(rest)) | (_moved(bits, 2, words + 1) << np.uint64(_WORD - rest))
+    return (first >> np.uint64(rest)) | (_moved(bits, 2, words + 1) << np.uint64(WORD - rest))
 
 
 def _moved(bits: Bits, axis: int, steps: int) -> Bits:

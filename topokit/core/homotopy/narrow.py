@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.grid.euler import dual_connectivity
-from topokit.core.homotopy.bits import Bits, of_voxels, packed, voxels_of, widened
+from topokit.core.homotopy.bits import WORD, Bits, of_voxels, packed, voxels_of, widened
 from topokit.core.homotopy.growth import strides_around
 from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, n_touching
 
 _HALF = 0.87  # voxels from a center to the corners
 _EQUAL = 0.3  # voxels by which they are as near
 _FARTHEST = 8  # voxels to look at in each direction; for greater widths the whole volume costs less
-_WORD = 64  # voxels in a word of bits
 _TOGETHER = 256  # words, of which all that is around stays in the cache
 _LEVEL = 1e-6  # cosine up to which a point counts as beside, neither ahead nor behind
 
@@ -138,6 +137,12 @@ def _between(solid: Bits, around: tuple[int, int, int]) -> Bits:
     return found
 
 
+def _steps_around(reach: float, spacing: tuple[float, float, float]) -> Integers:
+    """Steps (N, 3) to all voxels that are looked at around one."""
+    sides = [np.arange(-n, n + 1) for n in margins(reach, spacing)]
+    return np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
 def _half_balls(reach: float, spacing: tuple[float, float, float]) -> tuple[Integers, Integers, Integers]:
     """The halves of a ball around a voxel toward its neighbors across edges and corners.
 
@@ -145,8 +150,7 @@ def _half_balls(reach: float, spacing: tuple[float, float, float]) -> tuple[Inte
         (N, 3), the steps to the voxels of the ball, the nearest first; the rows of those in each half, and (21,), where
         each half starts among these.
     """
-    sides = [np.arange(-n, n + 1) for n in margins(reach, spacing)]
-    offsets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    offsets = _steps_around(reach, spacing)
     lengths = np.linalg.norm(offsets * spacing, axis=1)
     offsets = offsets[np.argsort(lengths, kind="stable")][: int((lengths <= reach).sum())]
     ways = OFFSETS[abs(OFFSETS).sum(axis=1) > 1] * np.array(spacing)
@@ -176,7 +180,7 @@ def _leave_enclosed(
     for first in range(0, len(places), _TOGETHER):
         n = min(_TOGETHER, len(places) - first)
         for k in range(len(steps)):
-            near, far = np.uint64(abs(ahead[k])), np.uint64(_WORD - abs(ahead[k]))
+            near, far = np.uint64(abs(ahead[k])), np.uint64(WORD - abs(ahead[k]))
             for i in range(n):
                 at = places[first + i] + steps[k]
                 if ahead[k] > 0:
@@ -204,8 +208,7 @@ def _sights(
     those with less. Distances and directions are seen from the voxel's center, shifted by a part of the voxel: each
     shift (S, 3) has a row (S, K) of its own. Those too far away are at the end, infinitely far.
     """
-    sides = [np.arange(-n, n + 1) for n in margins(reach, spacing)]
-    offsets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
+    offsets = _steps_around(reach, spacing)
     offsets = offsets[offsets.any(axis=1)]
     seen = (offsets - shifts[:, None]) * spacing
     distances = np.linalg.norm(seen, axis=2)

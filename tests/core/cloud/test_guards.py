@@ -65,6 +65,13 @@ def test_surfaces_do_not(name: str) -> None:
     refuse_filled_space(surfaces()[name], PROBES, SETTINGS)
 
 
+@pytest.mark.parametrize("n_points", [2000, 8000, 60_000])
+def test_a_noisy_ring_is_as_round_whatever_the_number_of_points(n_points: int) -> None:
+    points = torus_samples(n_points, minor=0.15).points.numpy()
+    points = points + 0.05 * np.random.default_rng(0).normal(size=points.shape)
+    assert least_roundness(points, PROBES, SETTINGS) == pytest.approx(0.467, abs=0.015)
+
+
 def test_few_points_are_never_refused() -> None:
     points = random_ball(3000)
     refuse_filled_space(points, PROBES, SETTINGS)

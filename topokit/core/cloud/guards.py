@@ -88,17 +88,21 @@ def fills_space(points: Floats, probes: int, settings: GuardSettings) -> bool:
 def least_roundness(points: Floats, probes: int, settings: GuardSettings) -> float:
     """The median ratio of the smallest to the largest extent of neighborhoods (N, 3), at the scale where it is least.
 
-    The extents are standard deviations along the principal axes: 0 in a plane, 1 in a large ball.
+    The extents are standard deviations along the principal axes: 0 in a plane, 1 in a large ball. Copies with fewer
+    points make wider neighborhoods, so that those of the last copy are as wide for a dense cloud as for a sparse one.
+    1 if there are fewer points than probes.
     """
+    if len(points) < probes:
+        return 1.0
+    sizes = settings.round_sizes
+    n_copies = 1 + math.ceil(math.log(len(points) / probes) / math.log(sizes[-1] / sizes[0]))
     order = np.random.default_rng(0).permutation(len(points))
-    thinner = settings.round_sizes[-1] // settings.round_sizes[0]  # the next copy's neighborhoods are the next larger
-    found = [1.0]
-    while len(order) >= probes:
-        copy = points[order]
+    found = []
+    for n_points in np.geomspace(len(points), probes, n_copies).round().astype(int):
+        copy = points[order[:n_points]]
         tree = cKDTree(copy, balanced_tree=False, compact_nodes=False)
-        nearest = tree.query(copy[:probes], settings.round_sizes[-1])[1]
-        found += [_median_roundness(copy[nearest[:, :size]]) for size in settings.round_sizes]
-        order = order[: len(order) // thinner]
+        nearest = tree.query(copy[:probes], sizes[-1])[1]
+        found += [_median_roundness(copy[nearest[:, :size]]) for size in sizes]
     return min(found)
 
 

@@ -37,10 +37,10 @@ class GuardSettings:
         10_000, "points", "from which noise, walls and space can be told apart", "blobs, lattices and noise"
     )
     round: float = _number(
-        0.55,
+        0.52,
         "ratio of extents",
         "least roundness of neighborhoods of points that fill space",
-        "real shapes: at most 0.50 (10 000 points, 0.5 % noise), 0.53 (30 000, 1 %); blobs: at least 0.57",
+        "real shapes of 3 000 to 200 000 points: at most 0.51 (1 % noise), 0.56 (2 %); blobs and boxes: at least 0.529",
     )
     round_sizes: tuple[int, ...] = _number(
         (16, 32, 64, 128), "neighbors", "of neighborhoods whose roundness counts", REAL

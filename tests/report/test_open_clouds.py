@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 
@@ -67,3 +68,14 @@ def test_half_a_torus_has_two_round_ends() -> None:
     assert (report.euler, report.boundary_loops, report.genus, report.verdict) == (0, 2, 0, "likely")
     assert max(report.rim_widths) == pytest.approx(0.8, abs=0.1)
     assert any("planes of its holes" in reason for reason in report.reasons)
+
+
+def test_a_noisy_bowl_is_open_but_may_be_a_thin_wall() -> None:
+    rng = np.random.default_rng(0)
+    bowl = rng.normal(size=(12_000, 3))
+    bowl /= np.linalg.norm(bowl, axis=1)[:, None]
+    bowl = bowl[bowl[:, 2] < 0]
+    report = tk.from_points(torch.from_numpy(bowl + 0.03 * rng.normal(size=bowl.shape))).report()
+    assert (report.euler, report.closed, report.verdict) == (1, False, "unsure")
+    assert any("noise" in reason for reason in report.reasons[:3])
+    assert tk.from_points(torch.from_numpy(bowl)).report().verdict == "likely"

@@ -184,6 +184,8 @@ def test_open_clouds_have_a_rim_and_enough_samples() -> None:
     assert all("{" not in line for part in open_sentences(ring, a_sheet(), AN_OPEN_SURFACE) for line in part)
     two_sheets = a_witness(quality={"double": limit("double") + 0.01})
     assert cloud_verdict(open_checks(1, 2, 1, a_sheet(), two_sheets)) == "unsure"
+    noisy = open_checks(1, 2, 1, a_sheet(), a_witness(preparation="averaged"))
+    assert [check.name for check in noisy if not check.passed] == ["averaged"]
 
 
 def test_balls_decide_where_they_last() -> None:
@@ -192,7 +194,8 @@ def test_balls_decide_where_they_last() -> None:
 
 
 def test_every_threshold_is_a_rule_that_is_tested_here() -> None:
-    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped", "opacity", "hidden", "finer", "ring"}
+    elsewhere = {"confidence", "thin_edges", "open_length", "overlap", "capped", "opacity", "hidden", "finer"}
+    elsewhere |= {"ring", "averaged"}
     assert {*CLOUD_RULES, *WIRE_RULES, *OPEN_RULES, *elsewhere} == {*THRESHOLDS, *CONDITIONS}
     assert not set(EVIDENCE) & {"agreement", "crowded", "disagreement"}
 

@@ -29,6 +29,7 @@ from topokit.report.examination import Examination
 from topokit.report.open_surface import OpenSurface, open_surfaces
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import (
+    OF_CLOUD,
     Check,
     Verdict,
     cloud_verdict,
@@ -189,7 +190,7 @@ def _open_report(found: Examination) -> TopologyReport:
 
 def _rank(surface: OpenSurface, checks: tuple[Check, ...]) -> int:
     """How plausible a surface is, 0 for the best: its numbers are likely, or would be but for the genus, or fit it."""
-    failed = [check.name for check in checks if not check.passed]
+    failed = [check.name for check in checks if not check.passed and check.name not in OF_CLOUD]
     if failed in ([], ["ring"]):
         return len(failed)
     return 2 if not surface.has_ring else 3 if surface.is_counted else 4

@@ -85,6 +85,10 @@ _SENTENCES = {
         "Closed in the planes of its holes the surface has genus {genus}; with a disc in every rim it {disc_genus}. A "
         "cap has several rims, as under a ring that lies on a table: whether it is so was not seen.",
     ),
+    "averaged": (
+        "",
+        "The points are as noisy as a plate thinner than the noise would be: whether the surface is open was not seen.",
+    ),
     "wire_range": (
         "The walls of this cloud are thinner than its samples resolve: it is read as the surface of wires. The union "
         "of balls around the points gives χ = {euler} for radii from {smallest:.2g} to {largest:.2g} sample spacings, "

@@ -189,6 +189,9 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
 _OF_SAMPLES = ("confidence", "coarse", "coverage", "rim", "boundary")
 """Checks of how well samples alone show the surface for which both families of votes are."""
 
+OF_CLOUD = ("averaged", "double", "rounding")
+"""Checks of an open cloud that are the same for all surfaces that it may be of."""
+
 CONDITIONS: Mapping[str, str] = MappingProxyType(
     {
         "genus": "there is a surface, and its integer is not too large for the number of surfaces",
@@ -197,6 +200,7 @@ CONDITIONS: Mapping[str, str] = MappingProxyType(
         "pieces": "the union of balls around the samples of an open cloud has as many parts",
         "rims": "an open cloud has a rim for each part that encloses no space",
         "ring": "planar caps over the holes give the same genus as discs",
+        "averaged": "an open cloud was not averaged: a plate thinner than its noise would look the same",
     }
 )
 """Checks without a limit."""
@@ -367,6 +371,8 @@ def open_checks(
         Check("ring", float(has_ring), not has_ring),
     ]
     if witness is not None:
+        is_averaged = witness.preparation == "averaged"
+        checks.append(Check("averaged", float(is_averaged), not is_averaged))
         checks += _unless_passed("double", witness.quality.double)
         checks += _unless_passed("rounding", witness.rounding / witness.spacing)
     return tuple(checks)

@@ -27,7 +27,7 @@ import trimesh
 from numpy.typing import NDArray
 from planted import FAMILIES, Planted, planted
 from random_solids import random_solid
-from scale_truth import right_at_scale
+from scale_truth import mesh_of, right_at_scale
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -85,13 +85,6 @@ def clean_meshes(folder: Path) -> dict[str, dict[str, Any]]:
     return {
         row["name"]: row for row in rows if row["kind"] == "mesh" and row.get("clean_truth") and row["genus"] < 1000
     }
-
-
-def mesh_of(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file as topokit reads it, with its vertices merged."""
-    mesh = tk.from_mesh(path).mesh
-    assert mesh is not None
-    return trimesh.Trimesh(*(part.numpy() for part in mesh), process=False)
 
 
 def solid_of(draw: Draw, folder: Path, rows: dict[str, dict[str, Any]]) -> Planted:

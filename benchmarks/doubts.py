@@ -20,8 +20,9 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of
+from confidence import clean_meshes
 from numpy.typing import NDArray
+from scale_truth import mesh_of
 
 import topokit as tk
 from topokit.comparison.result import Difference

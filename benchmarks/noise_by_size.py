@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of, read_rows
+from confidence import clean_meshes, read_rows
 from random_solids import random_solid
-from scale_truth import right_at_scale
+from scale_truth import mesh_of, right_at_scale
 from smooth_shapes import smooth_meshes
 
 import topokit as tk

@@ -24,9 +24,10 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of, read_rows
+from confidence import clean_meshes, read_rows
 from numpy.typing import NDArray
 from open3d.t.geometry import RaycastingScene
+from scale_truth import mesh_of
 from skimage.measure import marching_cubes
 
 import topokit as tk

@@ -26,8 +26,9 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of, read_rows
+from confidence import clean_meshes, read_rows
 from numpy.typing import NDArray
+from scale_truth import mesh_of
 
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.settings import CloudSettings, OutlierSettings

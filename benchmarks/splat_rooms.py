@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of, read_rows
+from confidence import clean_meshes, read_rows
 from numpy.typing import NDArray
+from scale_truth import mesh_of
 from scipy.spatial.transform import Rotation
 from splat_scenes import Style, splats_at
 

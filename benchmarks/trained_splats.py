@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import torch
 import trimesh
-from confidence import clean_meshes, mesh_of, read_rows
+from confidence import clean_meshes, read_rows
+from scale_truth import mesh_of
 from splatter import as_scene, cameras, optimized, peak_ratio, photograph
 
 import topokit as tk

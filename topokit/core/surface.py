@@ -29,3 +29,10 @@ class TriangleSurface:
         if is_used.all():
             return self
         return TriangleSurface(self.vertices[is_used], compact_labels(self.faces, len(self.vertices)))
+
+
+def vector_areas(triangles: Floats) -> Floats:
+    """Normals (F, 3) of triangles (F, 3, 3) by the right-hand rule, as long as the triangles' areas."""
+    a, b, c = triangles.swapaxes(0, 1)
+    areas: Floats = np.cross(b - a, c - a) / 2
+    return areas

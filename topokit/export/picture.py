@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
+from topokit.core.surface import vector_areas
 from topokit.export.colors import diverging_colors
 from topokit.export.scene import Mark, MarkKind, Scene
 from topokit.export.surfels import Surfels, disc_surfels, mesh_surfels, render, unit
@@ -53,8 +54,7 @@ def colors_of(scene: Scene) -> NDArray[np.uint8]:
 
 def _surface(scene: Scene, faces: Integers, n_surfels: int) -> Surfels:
     """Surfels on the triangles, smooth across flat edges and sharp across creases."""
-    a, b, c = np.moveaxis(scene.positions[faces], 1, 0)
-    across = np.cross(b - a, c - a)
+    across = vector_areas(scene.positions[faces])
     sums = np.zeros_like(scene.positions)
     for corner in faces.T:
         np.add.at(sums, corner, across)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from topokit.core.arrays import Booleans, Floats, Integers
+from topokit.core.surface import vector_areas
 
 _FINE = 3  # pixels along a pixel of the picture
 _PLASTIC = np.array([0.7548776662466927, 0.5698402909980532])  # steps of the R2 sequence: even points in a square
@@ -34,8 +35,7 @@ def mesh_surfels(
     vertices: Floats, faces: Integers, normals: Floats, colors: Floats, n_surfels: int = 2_000_000
 ) -> Surfels:
     """Surfels spread evenly over a mesh; normals (V, 3) and colors (V, 3) are interpolated between vertices."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    shares = np.linalg.norm(np.cross(b - a, c - a), axis=1).cumsum()
+    shares = np.linalg.norm(vector_areas(vertices[faces]), axis=1).cumsum()
     number = np.arange(n_surfels)
     face = faces[np.searchsorted(shares, shares[-1] * (number + 0.5) / n_surfels)]
     u, v = (number[:, None] * _PLASTIC % 1).T

@@ -31,7 +31,7 @@ from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
-from topokit.core.surface import TriangleSurface
+from topokit.core.surface import TriangleSurface, vector_areas
 from topokit.errors import InputError, TopokitError
 from topokit.report.doubts import cloud_doubts
 from topokit.report.progress import progress_bar
@@ -284,7 +284,7 @@ class Examination:
         if surface is None or not covers:
             return False
         corners = surface.vertices[surface.faces[np.concatenate([patch.facets for patch in covers])]]
-        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        areas = np.linalg.norm(vector_areas(corners), axis=1)
         distances = cKDTree(places.detach().cpu().double().numpy()).query(corners.mean(1))[0]
         return float(areas[distances < within].sum()) > _COVERED * float(areas.sum())
 

@@ -14,7 +14,7 @@ from topokit.core.components import Corner
 from topokit.core.grid.minkowski import MinkowskiNumbers, cube_counts, minkowski_numbers
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
-from topokit.core.surface import TriangleSurface
+from topokit.core.surface import TriangleSurface, vector_areas
 from topokit.errors import InputError
 from topokit.report.report import Betti
 from topokit.shape.surface import closed_surface, mesh_arrays
@@ -94,8 +94,7 @@ def area(shape: Shape) -> float:
     """
     if shape.mesh is not None:
         vertices, faces = mesh_arrays(shape.mesh)
-        a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+        return float(np.linalg.norm(vector_areas(vertices[faces]), axis=1).sum())
     sample_points(shape, "area is that")
     return float(shape.curvature().area.detach().double().sum())
 

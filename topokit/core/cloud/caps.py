@@ -20,6 +20,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats
+from topokit.core.surface import vector_areas
 
 _PAIRS = 1 << 22  # of places and samples whose solid angles are summed at once
 _INSIDE = 0.25  # winding number from which a place of the plane lies under the solid; it is one half there, zero beside
@@ -80,8 +81,7 @@ def planar_caps(layer: OrientedLayer, lids: Iterable[Floats]) -> tuple[Floats, F
 
 def flat_share(triangles: Floats, spacing: float) -> float:
     """The share of a lid's area, of triangles (F, 3, 3), near the plane that supports it, where a cap is looked for."""
-    a, b, c = triangles.swapaxes(0, 1)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    areas = np.linalg.norm(vector_areas(triangles), axis=1)
     heights = triangles @ _outward(triangles, np.unique(triangles.reshape(-1, 3), axis=0), spacing)
     is_near = heights.min(1) > heights.max() - _NEAR * spacing
     return float(areas[is_near].sum() / max(float(areas.sum()), np.finfo(float).tiny))
@@ -92,8 +92,7 @@ def _outward(triangles: Floats, corners: Floats, spacing: float) -> Floats:
 
     The vector area of a lid depends on its rim alone. The plane is fitted again to the corners that are near it.
     """
-    a, b, c = triangles.swapaxes(0, 1)
-    area = np.cross(b - a, c - a).sum(0)
+    area = vector_areas(triangles).sum(0)
     normal: Floats = area / max(float(np.linalg.norm(area)), np.finfo(float).tiny)
     for _ in range(_FITS):
         heights = corners @ normal

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from topokit.core.arrays import Floats, Integers
 from topokit.core.handles.cycle_basis import CycleBasis, EdgeGraph, cycle_basis
+from topokit.core.surface import vector_areas
 
 _PAIRS = 1 << 21  # candidate pairs of segments held at once
 _TREES = 4  # trees whose loops are tried before a surface is taken to intersect itself
@@ -104,8 +105,8 @@ def _own_crossings(points: Floats, graph: EdgeGraph, edges: Integers) -> tuple[I
     left_faces, right_faces = graph.faces[graph.left[edges]], graph.faces[graph.right[edges]]
     is_up = _shadow_area(points[left_faces]) > 0, _shadow_area(points[right_faces]) > 0
     opposite = right_faces.sum(axis=1) - graph.tails[edges] - graph.heads[edges]
-    a, b, c = (points[left_faces[:, corner]] for corner in range(3))
-    is_convex = (np.cross(b - a, c - a) * (points[opposite] - a)).sum(axis=1) < 0
+    left = points[left_faces]
+    is_convex = (vector_areas(left) * (points[opposite] - left[:, 0])).sum(axis=1) < 0
     passing = edges[np.where(is_up[0] == is_up[1], is_up[0], is_convex)]
     return passing, passing, np.ones(len(passing), dtype=np.int64)
 

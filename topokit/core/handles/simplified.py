@@ -24,6 +24,7 @@ from topokit.core.mesh.connectivity import mesh_connectivity
 from topokit.core.mesh.defects import intersecting_faces
 from topokit.core.progress import advance, begin, stages
 from topokit.core.removal import How, Removal
+from topokit.core.surface import vector_areas
 
 _PERIMETER = 4.0  # length of the longest loop that is looked for, in widths: that around a square
 _INWARD = (0.0, 0.25, 0.5)  # of the way from the middle of a loop to its corners: where the ball in it is looked for
@@ -139,8 +140,7 @@ def _rings(
 
 def _normals(vertices: Floats, faces: Integers) -> Floats:
     """Normals (V, 3) of the vertices, not of unit length."""
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    areas = np.cross(b - a, c - a)
+    areas = vector_areas(vertices[faces])
     return np.stack(
         [np.bincount(faces.ravel(), np.repeat(areas[:, axis], 3), len(vertices)) for axis in range(3)], axis=1
     )

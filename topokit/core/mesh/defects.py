@@ -14,6 +14,7 @@ from topokit.core.labels import connected_labels
 from topokit.core.loops import bounds_of
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
+from topokit.core.surface import vector_areas
 from topokit.errors import MissingDependencyError
 
 DefectKind = Literal[
@@ -122,7 +123,7 @@ def _degenerate(vertices: Floats, faces: Integers) -> Booleans:
     """Faces without area."""
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 2 * _FLAT * longest
+    return np.linalg.norm(vector_areas(vertices[faces]), axis=1) <= _FLAT * longest
 
 
 def _patches(kind: DefectKind, vertices: Floats, faces: Integers, rows: Integers, pairs: Integers) -> list[Defect]:

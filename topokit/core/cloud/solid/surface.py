@@ -13,6 +13,7 @@ import numpy as np
 from topokit.core.arrays import Booleans, Integers
 from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, facets_at, separating_facets
 from topokit.core.labels import connected_labels
+from topokit.core.surface import vector_areas
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +67,7 @@ def _taken_apart(complex_: DelaunayComplex, inside: Booleans, *, joined: bool) -
 
 def _facing(complex_: DelaunayComplex, faces: Integers, tetrahedron: Integers, corner: Integers) -> Integers:
     """Facets (F, 3), counterclockwise seen from outside the tetrahedra (F,) opposite to whose corners (F,) they are."""
-    a, b, c = complex_.points[faces].swapaxes(0, 1)
-    is_turned = (np.cross(b - a, c - a) * complex_.facet_normal[tetrahedron, corner]).sum(1) < 0
+    is_turned = (vector_areas(complex_.points[faces]) * complex_.facet_normal[tetrahedron, corner]).sum(1) < 0
     return np.where(is_turned[:, None], faces[:, ::-1], faces)
 
 

@@ -109,9 +109,9 @@ def nested_balls(draw: Draw) -> Cloud:
 
 
 def balls_of_all_sizes(draw: Draw) -> Cloud:
-    """Twelve balls in a row, with as many points each."""
+    """Twelve balls in a row, with as many points each; gaps are as wide as the smaller ball's radius."""
     radii = np.geomspace(1, 0.02, 12)
-    centers = np.cumsum(2.5 * radii)[:, None] * np.eye(3)[0]
+    centers = np.cumsum(np.append(0, radii[:-1] + 2 * radii[1:]))[:, None] * np.eye(3)[0]
     return Cloud(np.concatenate([_balls((r,), c[None], 800, draw) for r, c in zip(radii, centers, strict=True)]), 24)
 
 

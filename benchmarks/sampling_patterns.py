@@ -194,12 +194,15 @@ def misregistered(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
     return points
 
 
-def one_in_a_hundred(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
-    """A hundred times fewer points on one half than on the other."""
-    points = samples_of(mesh, 12 * N_POINTS, draw)
-    dense = points[:, 0] > np.median(points[:, 0])
-    rare = draw.random(len(points)) < 0.01
-    return points[dense | rare]
+def two_densities(ratio: int) -> Callable[[trimesh.Trimesh, Draw], Floats]:
+    """2 500 points on one half, so many times as many on the other."""
+
+    def pick(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
+        points = samples_of(mesh, ratio * N_POINTS // 2, draw)
+        is_dense, is_rare = points[:, 0] > np.median(points[:, 0]), draw.random(len(points)) < 1 / ratio
+        return points[is_dense | is_rare]
+
+    return pick
 
 
 def grid_vertices(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
@@ -228,7 +231,9 @@ PATTERNS: dict[str, Callable[[trimesh.Trimesh, Draw], Floats]] = {
     "10 % inside": filled_in_part,
     "repeated five times": repeated,
     "two scans, shifted 0.3 %": misregistered,
-    "density 1 : 100": one_in_a_hundred,
+    "density 1 : 4": two_densities(4),
+    "density 1 : 10": two_densities(10),
+    "density 1 : 40": two_densities(40),
     "noise 1 %": random_points(N_POINTS, 0.01),
     "noise 2 %": random_points(N_POINTS, 0.02),
     "noise 1 %, 60 000": random_points(60_000, 0.01),

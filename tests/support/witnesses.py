@@ -39,7 +39,7 @@ def a_witness(
         changes: fields of `Witness` that differ.
     """
     votes = {"cut": 2, "coarse cut": 2, "field": 2} if votes is None else votes
-    clean = SampleQuality(coverage=1.0, roughness=0.1, crowded_wide=0.0, crowded_boundary=0.0, double=0.0)
+    clean = SampleQuality(coverage=1.0, roughness=0.1, crowded_wide=0.0, double=0.0)
     seen = Witness(
         euler=2,
         agreement=1.0,

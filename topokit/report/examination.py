@@ -42,7 +42,7 @@ from topokit.report.verdict import (
     cloud_verdict,
     is_mostly_seen,
     is_open,
-    is_open_sheet,
+    is_sheet,
     lids,
     missing_samples,
     opacity_decides,
@@ -327,7 +327,7 @@ def solid_eulers(found: tuple[Examination, ...]) -> list[int] | None:
         turning_is_unknown = bool(lids(witness)) and not boundary.curves
         if one.opaque is not None:
             eulers.append(one.opaque.euler)
-        elif witness and not is_open_sheet(boundary, witness) and not turning_is_unknown:
+        elif witness and not is_sheet(witness) and not turning_is_unknown:
             eulers.append(witness.euler)
     return eulers if len(eulers) == len(found) else None
 

@@ -110,21 +110,6 @@ THRESHOLDS: Mapping[str, Threshold] = MappingProxyType(
             "clouds of 4 000 to 6 000 points from five shapes, rounded to steps of 0.1 to 4 spacings: all right at "
             "1 spacing, two of two at 1.5, from 2 on five of six were wrong; the limit is half of the first",
         ),
-        "thin_edges": Threshold(
-            0.05,
-            "at most",
-            "share of samples",
-            "samples with an opposite sheet within 1.5 spacings where curves look like a boundary; above it, these "
-            "run along thin edges, and the surface is closed",
-            _ONE_DRAW,
-        ),
-        "open_length": Threshold(
-            60,
-            "at most",
-            "sample spacings",
-            "boundary length of a solid with gaps; above it, the cloud is an open sheet",
-            _ANALYTIC,
-        ),
         "capped": Threshold(
             0.35,
             "at most",
@@ -414,28 +399,18 @@ def missing_samples(witness: Witness | None) -> float:
     return sum(patch.missing for patch in lids(witness))
 
 
-def has_thin_edges(boundary: BoundaryEstimate, witness: Witness) -> bool:
-    """Whether curves that look like a boundary run along thin edges of a closed surface."""
-    return bool(boundary.curves) and not THRESHOLDS["thin_edges"].allows(witness.quality.crowded_boundary)
-
-
 def is_open(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
-    """Whether samples are of a surface with a boundary: there are holes in the cloud, or long curves and no solid.
+    """Whether samples are of a surface with a boundary: there are holes in the cloud, or curves and no solid.
 
-    Short curves that look like a boundary, but where the found surface is covered by samples, run along thin edges.
+    Curves that look like a boundary, but where the found surface is covered by samples, run along thin edges or where
+    the density of the samples changes.
     """
-    return bool(lids(witness)) or (bool(boundary.curves) and is_open_sheet(boundary, witness))
+    return bool(lids(witness)) or (bool(boundary.curves) and is_sheet(witness))
 
 
-def is_open_sheet(boundary: BoundaryEstimate, witness: Witness | None) -> bool:
-    """Whether samples with a boundary are an open surface rather than a solid with gaps.
-
-    The boundary is long and no opposite sheet is close; or no solid was found at all.
-    """
-    if witness is None:
-        return True
-    is_long = not THRESHOLDS["open_length"].allows(boundary.length / boundary.spacing)
-    return is_long and not has_thin_edges(boundary, witness)
+def is_sheet(witness: Witness | None) -> bool:
+    """Whether no solid was found, or one most of whose surface are lids."""
+    return witness is None or witness.components == 0 or not is_mostly_seen(witness)
 
 
 def overlaps(off_level: float) -> bool:

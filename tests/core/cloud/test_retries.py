@@ -1,4 +1,4 @@
-"""Where votes differ: more samples, shifted ones at thin walls and narrow gaps, smoothed ones of noisy surfaces."""
+"""Where votes differ: all points there, shifted ones at thin walls and narrow gaps, smoothed ones of noisy surfaces."""
 
 from __future__ import annotations
 
@@ -176,6 +176,13 @@ def seen_torus(*, are_given: bool) -> Reconstruction:
     return look(points, normals if are_given else None)
 
 
+def doubtful(seen: Reconstruction, n_places: int = 20) -> Reconstruction:
+    """The same with a cut that calls some tetrahedra inside that the others call outside."""
+    flipped = seen.cut.inside.copy()
+    flipped[np.flatnonzero(~flipped)[:n_places]] = True
+    return replace(seen, cuts=(*seen.cuts, replace(seen.cut, inside=flipped)))
+
+
 @cache
 def seen_thin_plate() -> Witness:
     points, normals = plate_with_hole(2_000, 0.01)  # spacing 0.06
@@ -185,12 +192,12 @@ def seen_thin_plate() -> Witness:
 @pytest.mark.parametrize("are_found", [False, True])
 def test_samples_that_agree_bring_the_votes_of_all_settings(are_found: bool) -> None:
     votes = (*(Vote("cut", k, (2 * k,)) for k in range(3)), Vote("coarse cut", 0, (9,)), Vote("field", 1, (4,)))
-    before = replace(seen_torus(are_given=not are_found), votes=votes)
+    before = replace(doubtful(seen_torus(are_given=not are_found)), votes=votes)
     assert before.has_given_signs != are_found
-    found = retries._with_more_samples(before, FEW)
+    found = retries._with_all_points_in_doubt(before, FEW)
     assert found is not None
     samples = found.cloud.samples
-    assert 2_000 < len(samples.kept) <= 4_000
+    assert len(before.cloud.samples.kept) < len(samples.kept) <= 2 * FEW.sampling.samples
     assert [(vote.family, vote.eulers) for vote in found.votes] == [
         *[("cut", (0, 0))] * 3,
         *[("coarse cut", (2 * k,)) for k in range(3)],
@@ -201,25 +208,44 @@ def test_samples_that_agree_bring_the_votes_of_all_settings(are_found: bool) -> 
     assert length == pytest.approx(before.quality.roughness * before.cloud.local.spacing)
 
 
-def test_there_are_none_of_few_points_or_where_cuts_differ() -> None:
+def test_all_points_of_the_cloud_are_looked_at_where_cuts_differ() -> None:
+    before = doubtful(seen_torus(are_given=True), 3)
+    found = retries._with_all_points_in_doubt(before, FEW)
+    assert found is not None
+    kept, owner = found.cloud.samples.kept, found.cloud.samples.owner
+    in_doubt = retries._in_doubt(before, FEW)[before.cloud.samples.owner]
+    added = np.setdiff1d(kept, before.cloud.samples.kept)
+    np.testing.assert_array_equal(np.flatnonzero(in_doubt), np.flatnonzero(in_doubt & np.isin(np.arange(5_000), kept)))
+    assert 0 < len(added) < 1_000
+    assert in_doubt[added].all()
+    np.testing.assert_array_equal(kept[owner[kept]], kept)
+    unchanged = ~in_doubt
+    np.testing.assert_array_equal(
+        kept[owner[unchanged]], before.cloud.samples.kept[before.cloud.samples.owner[unchanged]]
+    )
+
+
+def test_there_are_none_of_few_points_or_where_cuts_agree_or_go_on_to_differ() -> None:
     points, normals = torus(5_000)
-    assert retries._with_more_samples(look(points[:3_999], normals[:3_999]), FEW) is None
-    seen = seen_torus(are_given=True)
+    assert retries._with_all_points_in_doubt(look(points[:2_000], normals[:2_000]), FEW) is None
+    seen = doubtful(seen_torus(are_given=True))
+    same = replace(seen, cuts=(seen.cut, seen.cut))
+    assert retries._with_all_points_in_doubt(same, FEW) is None
     signs = np.where(np.random.default_rng(1).random(len(points)) < 0.4, -1.0, 1.0)
     wrong = replace(seen, cloud=replace(seen.cloud, normals=normals * signs[:, None]))
-    assert retries._with_more_samples(wrong, FEW) is None
-    assert retries._with_more_samples(seen, FEW) is not None
+    assert retries._with_all_points_in_doubt(wrong, FEW) is None
+    assert retries._with_all_points_in_doubt(seen, FEW) is not None
 
 
 def test_signs_of_empty_spheres_that_would_change_the_integer_refuse_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    given, found = (seen_torus(are_given=are_given) for are_given in (True, False))
+    given, found = (doubtful(seen_torus(are_given=are_given)) for are_given in (True, False))
 
     def reversed_poles(complex_, outward, cut, weights, rounds):  # type: ignore[no-untyped-def]
         return -outward, cut_complex(complex_, -outward, weights)
 
     monkeypatch.setattr(retries, "normals_by_poles", reversed_poles)
-    assert retries._with_more_samples(found, FEW) is None
-    assert retries._with_more_samples(given, FEW) is not None
+    assert retries._with_all_points_in_doubt(found, FEW) is None
+    assert retries._with_all_points_in_doubt(given, FEW) is not None
 
 
 def test_a_cloud_of_which_fewer_samples_show_too_little() -> None:

@@ -1,6 +1,6 @@
-"""Where votes differ: more samples, samples shifted along their normals, or smoothed samples.
+"""Where votes differ: all points there, samples shifted along their normals, or smoothed samples.
 
-More samples of a large cloud tell what changes with their number and so is not the surface's.
+A large cloud has more points than samples. All of them are looked at where cuts label the same tetrahedra differently.
 
 Where two sheets are closer than the sample spacing, tetrahedra join the wrong ones. A shift outward thickens the wall
 between them, a shift inward widens the gap, and neither changes the topology as long as the way is free. Several shifts
@@ -21,7 +21,7 @@ from itertools import chain
 
 import numpy as np
 
-from topokit.core.arrays import Floats
+from topokit.core.arrays import Booleans, Floats
 from topokit.core.cloud.normals.patches import Neighborhoods, flattened, opposite_neighbors, patches_of
 from topokit.core.cloud.orientation import Orientation
 from topokit.core.cloud.reconstruction import Cloud, Reconstruction, reconstruct
@@ -54,20 +54,22 @@ def reconstruct_again(before: Reconstruction, settings: CloudSettings) -> Recons
     has_converged = share_of(euler, values_of(before.votes, "coarse cut")) == 1
     if is_hidden or (is_unanimous and has_converged):
         return before
-    more = _with_more_samples(before, settings)
-    return more or (before if is_unanimous else _with_shifts(before, settings))
+    closer = _with_all_points_in_doubt(before, settings)
+    return closer or (before if is_unanimous else _with_shifts(before, settings))
 
 
-def _with_more_samples(before: Reconstruction, settings: CloudSettings) -> Reconstruction | None:
-    """The same with twice as many samples; None if there are not as many points, or if their cuts differ.
+def _with_all_points_in_doubt(before: Reconstruction, settings: CloudSettings) -> Reconstruction | None:
+    """The same with all points of the cloud around the tetrahedra that cuts label differently.
 
-    Signs from empty spheres must give the same integer: where walls are too thin for any number of samples, cuts may
-    agree on what the next signs refute.
+    None if there are no more points or no such tetrahedra, or if the cuts of the new samples differ. Signs from empty
+    spheres must give the same integer: where walls are too thin for any number of samples, cuts may agree on what the
+    next signs refute.
     """
     cloud, most = before.cloud, 2 * settings.sampling.samples
-    if cloud.samples.is_all or len(cloud.points) < most:
+    in_doubt = _in_doubt(before, settings)
+    if cloud.samples.is_all or not in_doubt.any():
         return None
-    kept, owner = cloud.sampler.chosen(most)
+    kept, owner = cloud.samples.with_all_of(in_doubt, cloud.points, most)
     local, complex_ = complex_of(cloud.points[kept], settings)
     outward = cloud.normals[kept]
     votes, cuts = cut_votes("cut", complex_, outward, settings)
@@ -88,6 +90,17 @@ def _with_more_samples(before: Reconstruction, settings: CloudSettings) -> Recon
         cuts=cuts,
         quality=replace(before.quality, coverage=cuts[0].coverage, roughness=roughness),
     )
+
+
+def _in_doubt(before: Reconstruction, settings: CloudSettings) -> Booleans:
+    """Which samples (M,) are at tetrahedra that one cut calls inside and another outside, or have a neighbor there."""
+    complex_, local = before.cloud.complex_, before.cloud.local
+    differs = np.any([cut.inside != before.cut.inside for cut in before.cuts], axis=0)
+    at_it = np.zeros(len(local.points), dtype=bool)
+    at_it[complex_.tetrahedra[differs]] = True
+    found = at_it.copy()
+    found[local.index[at_it, : settings.patches.graph + 1]] = True
+    return found
 
 
 def _with_less_noise(before: Reconstruction, settings: CloudSettings) -> Reconstruction:

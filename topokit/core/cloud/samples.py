@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from topokit.core.arrays import Floats, Integers
+from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.normals.creases import Faces
 from topokit.core.cloud.normals.patches import Neighborhoods, refitted, turned_towards
 from topokit.core.cloud.normals.propagation import Propagation
 from topokit.core.cloud.sampling.cubes import CubeHierarchy
-from topokit.core.cloud.sampling.downsampling import representatives
+from topokit.core.cloud.sampling.downsampling import representatives, thin_along_curve
 from topokit.core.cloud.settings import CloudSettings
 
 
@@ -53,6 +53,21 @@ class Samples:
         normals = refitted(directions, local, settings.patches)
         return normals if self.faces is None else self.faces.sharpened(normals)
 
+    def with_all_of(self, chosen: Booleans, points: Floats, most: int) -> tuple[Integers, Integers]:
+        """These samples and the points that chosen ones (M,) of them stand for, at most so many in all.
+
+        Returns:
+            Indices in the cloud of points (N, 3), ascending, and the one of them that stands for each point (N,).
+        """
+        is_added = chosen[self.owner]
+        is_added[self.kept] = False
+        added = np.flatnonzero(is_added)
+        added = added[thin_along_curve(points[added], most - len(self.kept))]
+        kept = np.union1d(self.kept, added)
+        owner = np.searchsorted(kept, self.kept)[self.owner]
+        owner[kept] = np.arange(len(kept))
+        return kept, owner
+
     def spread(self, normals: Floats, of_all: Floats) -> Floats:
         """Normals (N, 3) of all points with the signs of those of the samples (M, 3)."""
         if self.is_all:
@@ -80,16 +95,13 @@ class Sampler:
     settings: CloudSettings
 
     @cached_property
-    def _hierarchy(self) -> CubeHierarchy:
-        return self._cubes(self.settings.sampling.samples)
-
-    def _cubes(self, largest: int) -> CubeHierarchy:
-        return CubeHierarchy(self.points, self.normals, largest=largest, noise=self.noise)
+    def _cubes(self) -> CubeHierarchy:
+        most = self.settings.sampling.samples
+        return CubeHierarchy(self.points, self.normals, largest=most, noise=self.noise)
 
     def chosen(self, budget: int) -> tuple[Integers, Integers]:
         """Indices (M,) of at most `budget` samples, and the one that stands for each point (N,)."""
-        cubes = self._hierarchy if budget <= self.settings.sampling.samples else self._cubes(budget)
-        return representatives(self.points, cubes.cells(budget))
+        return representatives(self.points, self._cubes.cells(budget))
 
     def samples(
         self, axes: Floats | None = None, carried: Propagation | None = None, faces: Faces | None = None

@@ -268,7 +268,7 @@ class QualitySettings:
     near: float = _number(
         1.5,
         "spacings",
-        "at which an opposite sheet makes edges look like boundaries; samples are shifted away from it",
+        "at which an opposite sheet is so near that samples are shifted away from it",
         REAL,
     )
     uncovered: float = _number(

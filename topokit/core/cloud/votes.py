@@ -73,14 +73,12 @@ class SampleQuality:
         coverage: share of the samples on the surface of the first cut.
         roughness: median distance of neighbors from the local plane, in sample spacings.
         crowded_wide: share of the area with an opposite sheet within 2.5 spacings of all points.
-        crowded_boundary: the same within 1.5 spacings of the points on which boundaries are looked for.
         double: share of the neighborhoods that look like two sheets although their normals agree.
     """
 
     coverage: float
     roughness: float
     crowded_wide: float
-    crowded_boundary: float
     double: float
 
 
@@ -200,15 +198,12 @@ def sample_quality(cloud: OrientedCloud, patches: Patches, cut: Cut, settings: C
         cut: the first cut.
         settings: of the distances at which sheets are close.
     """
-    sampling, quality = settings.sampling, settings.quality
-    coarser = quality.near * max(len(cloud.points) / sampling.boundary_points, 1.0) ** 0.5
-    few = cloud.samples.kept[:: -(-len(cloud.samples.kept) // sampling.probes)]
+    reach = settings.quality.feature
     return SampleQuality(
         coverage=cut.coverage,
         roughness=patches.thickness / cloud.local.spacing,
-        crowded_wide=crowded_share(patches, cloud.normals, cloud.areas, cloud.samples.kept, quality.feature, settings),
-        crowded_boundary=crowded_share(patches, cloud.normals, cloud.areas, few, coarser, settings),
-        double=double_share(patches, sampling.probes, settings.doubles, cloud.normals),
+        crowded_wide=crowded_share(patches, cloud.normals, cloud.areas, cloud.samples.kept, reach, settings),
+        double=double_share(patches, settings.sampling.probes, settings.doubles, cloud.normals),
     )
 
 

@@ -220,13 +220,12 @@ def _wire_witness(
         consistent = consistent_signs(cloud.points, cloud.normals, areas, patches.spacing, settings.given)
         signs = consistent if consistent is not None and cloud.oriented else Signs("axes", None, None)
     spacing = patches.spacing * (len(cloud.points) / len(kept)) ** 0.5
-    areas, reaches = patches.areas(outward), (quality.near, quality.feature)
-    near, wide = (crowded_share(patches, outward, areas, kept, reach, settings) for reach in reaches)
+    wide = crowded_share(patches, outward, patches.areas(outward), kept, quality.feature, settings)
     return Witness(
         euler=wire.euler,
         agreement=wire.share,
         votes=(),
-        quality=SampleQuality(1 - wire.n_stray / len(kept), patches.thickness / spacing, wide, near, 0.0),
+        quality=SampleQuality(1 - wire.n_stray / len(kept), patches.thickness / spacing, wide, 0.0),
         signs=signs,
         components=wire.components,
         cavities=0,

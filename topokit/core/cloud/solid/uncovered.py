@@ -9,6 +9,7 @@ counts is how many samples are missing from a connected patch of such facets.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -17,6 +18,8 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, facets_at, separating_facets
 from topokit.core.labels import connected_labels
+
+_DENSITY_STEP = 2  # ratio of the spacings at joined samples from which the density jumps between them
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,7 @@ def uncovered_patches(
     """The uncovered patches of the solid's surface, largest first.
 
     A facet is uncovered if its point farthest from its corners has no point of the cloud within some spacings, where
-    the spacing is the widest of those at its corners, or if it does not face the way the normals at its corners do.
+    the spacing is the widest of those around its corners, or if it does not face the way the normals at its corners do.
     Samples of a large cloud are sparse where it is flat, so facets there may be wide; but the cloud covers them.
 
     Args:
@@ -52,7 +55,8 @@ def uncovered_patches(
     """
     tetrahedron, corner = separating_facets(complex_, inside)
     facets = facets_at(complex_.tetrahedra, tetrahedron, corner)
-    spacing = complex_.spacing[facets].max(1, initial=0.0)
+    own = complex_.spacing[facets].max(1, initial=0.0)
+    spacing = _spacing_around(complex_.spacing, facets)[facets].max(1, initial=0.0)
     place, radius = _farthest_places(complex_.points[facets])
     limit = settings.uncovered * spacing
     wide = np.flatnonzero(radius > limit)  # no place of a facet is farther from all samples than from its corners
@@ -60,12 +64,24 @@ def uncovered_patches(
     cosine = np.einsum("fa,fka->fk", complex_.facet_normal[tetrahedron, corner], normals[facets]).mean(1)
     found = np.union1d(wide[distance > limit[wide]], np.flatnonzero(cosine < settings.facing))
     patch = _across_edges(facets[found])
-    missing = np.bincount(patch, complex_.facet_area[tetrahedron[found], corner[found]])
+    expected = complex_.facet_area[tetrahedron, corner] * (own / spacing) ** 2
+    missing = np.bincount(patch, expected[found])
     return tuple(
         UncoveredPatch(float(missing[number]), np.unique(facets[rows]), rows)
         for number in np.argsort(-missing, kind="stable")
         for rows in (found[patch == number],)
     )
+
+
+def _spacing_around(spacing: Floats, facets: Integers) -> Floats:
+    """The spacing (N,) at samples; that of a sample joined to it by a facet (F, 3) where that is over twice as wide.
+
+    Where dense samples border on sparse ones, most neighbors of the outermost sparse ones are dense.
+    """
+    widest = spacing.copy()
+    for first, second in permutations(range(3), 2):
+        np.maximum.at(widest, facets[:, first], spacing[facets[:, second]])
+    return np.where(widest > _DENSITY_STEP * spacing, widest, spacing)
 
 
 def _farthest_places(corners: Floats) -> tuple[Floats, Floats]:

@@ -14,7 +14,7 @@ def test_they_are_those_of_the_nearest_voxel_on_the_other_side() -> None:
     before[20:] = draw.random((20, 20, 20)) > 0.1  # outside, some are far from the solid
     after = before ^ (draw.random(before.shape) < 0.05)
     names = np.arange(before.size).reshape(before.shape)
-    values = with_values_of_the_nearest(names, before, after)
+    values = with_values_of_the_nearest(names, before, np.argwhere(before != after))
     assert np.array_equal(values[before == after], names[before == after])
     for side in (before, ~before):
         changed = np.argwhere(side & (before != after))

@@ -74,6 +74,7 @@ def enforced_shape(shape: Shape, betti: Betti, change: Change) -> Shape:
             f"{shape.name}: no solid with {asked} was found near this one, of which the report has "
             f"{shape.report().solid_betti}. Ask for numbers nearer to these, or for several steps."
         )
-    changed = plural(int((after != inside).sum()), "voxel")
-    made = with_solid(shape, field, inside, after)
-    return made.replace(notes=(*made.notes, f"{changed} changed sides, so that the solid has the wanted topology."))
+    changed = np.argwhere(after != inside)
+    made = with_solid(shape, field, inside, changed)
+    told = plural(len(changed), "voxel")
+    return made.replace(notes=(*made.notes, f"{told} changed sides, so that the solid has the wanted topology."))

@@ -18,7 +18,7 @@ from topokit.core.arrays import Floats, Integers
 from topokit.core.blocks.division import Box, Division
 from topokit.core.grid.euler import comparable
 from topokit.core.grid.grid import Grid
-from topokit.core.homotopy.simplified import Block, Way, changed_voxels
+from topokit.core.homotopy.simplified import Block, Way
 from topokit.core.progress import advance, begin, stages
 from topokit.core.removal import Removal
 from topokit.errors import InputError
@@ -105,9 +105,9 @@ def _mended(
     block = Block((ends_x, ends_y, ends_z), (core_x, core_y, core_z))
     whole = tuple(slice(0, n) for n in inside.shape)
     found = simplified_field(field, inside, whole, below, ways, block)
-    changed = changed_voxels(found.steps)
+    changed = found.changed
     if len(changed):
-        new = with_values_of_the_nearest(values, inside, found.solid)
+        new = with_values_of_the_nearest(values, inside, changed)
         first, last = changed.min(axis=0), changed.max(axis=0) + 1
         a, b, c = zip((low + first).tolist(), (low + last).tolist(), strict=True)
         copy.write((a, b, c), new[tuple(map(slice, first, last))])

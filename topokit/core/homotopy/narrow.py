@@ -100,7 +100,10 @@ def _narrow_voxels(
     between = _between(own, (x, y, z)) & inner
     sights = _sights(solid.shape, reach + half, spacing, np.zeros((1, 3)))
     anywhere = np.zeros(1)
-    meeting = _meeting(inside, phase, voxels_of(between, length), strides_around(solid.shape), connectivity)
+    beside = own
+    for axis in range(3):
+        beside = widened(beside, axis, 1, 1)
+    meeting = _meeting(inside, phase, voxels_of(between & beside, length), strides_around(solid.shape), connectivity)
     away = _surrounded(inside, phase, meeting, *sights, anywhere, 2 * half, equal)[1]
     is_near = np.isfinite(away)
     meeting, away = meeting[is_near], away[is_near]
@@ -244,24 +247,22 @@ def _surrounded(
     everywhere = (1 << 26) - 1
     for row in range(len(voxels)):
         for sight in range(len(steps)):
-            nearest, directions = -1.0, 0
-            for k in range(steps.shape[1]):
-                distance = distances[sight, k]
-                if distance == np.inf or 0 < nearest < distance - slack:
-                    break
-                if solid[voxels[row] + steps[sight, k]] != phase:
-                    continue
-                if nearest < 0:
-                    nearest = distance
-                    if sight == 0:
-                        away[row] = nearest
-                    if distance < least[sight]:
-                        break
-                directions |= beside[sight, k] if distance <= nearest + equal else ahead[sight, k]
-                if directions == everywhere:
-                    found[row] = True
-                    break
-            if found[row]:
+            voxel, seen, near, k = voxels[row], steps[sight], distances[sight], 0
+            while near[k] < np.inf and solid[voxel + seen[k]] != phase:
+                k += 1
+            nearest, directions = near[k], 0
+            if sight == 0:
+                away[row] = nearest
+            if nearest < least[sight]:
+                continue
+            while near[k] < np.inf and near[k] <= nearest + equal:  # without branches: they would be mispredicted
+                directions |= beside[sight, k] * (solid[voxel + seen[k]] == phase)
+                k += 1
+            while near[k] < np.inf and near[k] - slack <= nearest:
+                directions |= ahead[sight, k] * (solid[voxel + seen[k]] == phase)
+                k += 1
+            if directions == everywhere:
+                found[row] = True
                 break
     return found, away
 

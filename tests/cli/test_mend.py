@@ -122,6 +122,28 @@ def test_boundaries_are_filled_on_request(tmp_path: Path) -> None:
     assert tk.load(output).is_closed
 
 
+@pytest.mark.parametrize("suffix", ["npy", "zarr"])
+def test_a_volume_is_mended_block_by_block_into_a_file(tmp_path: Path, suffix: str) -> None:
+    if suffix == "zarr":
+        pytest.importorskip("zarr")
+    labels = np.zeros((60, 40, 40), dtype=np.uint8)
+    labels[5:55, 5:35, 5:35] = 3
+    labels[20, 20] = labels[40, 20, 20] = 0  # a channel of one voxel, and a bubble
+    np.save(tmp_path / "labels.npy", labels)
+    output = tmp_path / f"mended.{suffix}"
+    options = ("--label", "3", "--block-voxels", "30000", "--below", "2", "--json")
+    shown = invoke("mend", tmp_path / "labels.npy", "-o", output, *options)
+    assert shown.exit_code == 0, shown.stderr
+    told = json.loads(shown.stdout)
+    assert (told["before"], told["after"], told["unit"]) == ([1, 1, 1], [1, 0, 0], "voxel")
+    assert sorted(one["kind"] for one in told["removals"]) == ["cavity", "tunnel"]
+    written = tk.load(output, label=3).field.volume.numpy()
+    assert (written.dtype, int((written != labels).sum())) == (np.uint8, told["changed"])
+    wrong = invoke("mend", tmp_path / "labels.npy", "-o", tmp_path / "mended.nii", *options)
+    assert wrong.exit_code == 1
+    assert "written as .npy or .zarr" in wrong.stderr
+
+
 def test_wrong_names_are_refused(image: Path, tmp_path: Path) -> None:
     wrong = invoke("mend", image, "--label", "2", "-o", tmp_path / "mended.stl", "--below", "1")
     assert wrong.exit_code == 1

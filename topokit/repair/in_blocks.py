@@ -65,10 +65,10 @@ def simplified_in_blocks(
                 removals, unsettled, narrowest = removals + more, unsettled + left, min(narrowest, wider)
                 changed = np.setxor1d(changed, np.ravel_multi_index(tuple(flipped.T), volume.shape))
                 advance((number + 1) / len(cores))
-        answer = _shape_of(shape, stored, copy.path).counted
-    made = _shape_of(shape, stored, Path(out), answer)
-    after = made.report().solid_betti
-    done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, unsettled)
+        counted = _shape_of(shape, stored, copy.path)
+        after = counted.report().solid_betti
+        done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, unsettled)
+    made = _shape_of(shape, stored, Path(out), counted.counted)
     return made.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 

@@ -20,7 +20,7 @@ from topokit.core.blocks.compiled import compiled
 from topokit.core.grid.euler import dual_connectivity
 from topokit.core.homotopy.bits import WORD, Bits, of_voxels, packed, voxels_of, widened
 from topokit.core.homotopy.growth import strides_around
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, n_touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, exchanged, n_touching
 
 _HALF = 0.87  # voxels from a center to the corners
 _EQUAL = 0.3  # voxels by which they are as near
@@ -274,7 +274,7 @@ def _meeting(solid: Counts, phase: int, voxels: Integers, around: Integers, conn
     for row in range(len(voxels)):
         code = code_at(solid, voxels[row], around)
         if phase == 0:
-            code = ~code & 0x7FFFFFF
+            code = exchanged(code)
         if code:
-            found[row] = n_touching(code, connectivity) > 1 or n_touching(~code & 0x7FFFFFF, 32 - connectivity) != 1
+            found[row] = n_touching(code, connectivity) > 1 or n_touching(exchanged(code), 32 - connectivity) != 1
     return voxels[found]

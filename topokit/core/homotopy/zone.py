@@ -13,7 +13,7 @@ from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import root_of, unite
 from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
 from topokit.core.homotopy.runs import labeled
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, exchanged, touching
 
 Ends = tuple[tuple[bool, bool], tuple[bool, bool], tuple[bool, bool]]
 """For each axis, whether the volume goes on before the first layer of a block, and after the last one."""
@@ -197,7 +197,7 @@ def joins(
         voxel = voxels[row]
         code = code_at(inside, voxel, around)
         if phase == 0:
-            code = ~code & 0x7FFFFFF
+            code = exchanged(code)
         left, own, is_loop = touching(code, connectivity), nodes[voxel], False
         roots = [0 for _ in range(0)]
         while left:

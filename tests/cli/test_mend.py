@@ -90,6 +90,23 @@ def test_volumes_are_written_with_sizes_and_places(image: Path, suffix: str) -> 
         assert np.allclose(np.diag([-1, -1, 1, 1]) @ np.array(other.affine), place.affine)
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_values_that_torch_cannot_compare_come_back_in_their_type(tmp_path: Path, suffix: str) -> None:
+    values = np.zeros((12, 12, 9), dtype=np.uint16)
+    values[2:10, 2:10, 2:7] = 60_000
+    values[6, 6] = 0
+    path, again = tmp_path / f"gray{suffix}", tmp_path / f"mended{suffix}"
+    tk.from_voxels(values, level=30_000).save(path)
+    shown = invoke("mend", path, "--level", "30000", "-o", again, "--below", "2")
+    assert shown.exit_code == 0, shown.stderr
+    mended = tk.load(again, level=30_000)
+    assert (mended.genus(), mended.field.given_type) == (0, torch.uint16)
+    assert set(mended.field.volume.unique().tolist()) == {0, 60_000}
+    part = tk.from_labels(path)[60_000]
+    part.save(again)
+    assert tk.load(again, label=60_000).field.given_type == torch.uint16
+
+
 def test_a_label_in_its_box_keeps_its_place_in_the_world(image: Path) -> None:
     part = tk.from_labels(image)[2]
     path = image.with_name("box.nii")

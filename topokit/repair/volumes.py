@@ -167,31 +167,37 @@ def with_solid(shape: Shape, field: VoxelField, before: Booleans, changed: Integ
     values = with_values_of_the_nearest(volume.cpu().numpy(), before, changed)
     solid = Solid(None if field.is_binary else field.level, field.labels, field.connectivity)
     first, given = field.placement.voxel(field.grid.origin), torch.from_numpy(values).to(volume)
-    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first)
+    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first, given_type=field.given_type)
     return made.replace(notes=shape.notes, n_neighbors=shape.n_neighbors)
 
 
 def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, changed: Integers) -> NDArray[Any]:
-    """The volume with new values at voxels (N, 3) that change sides: those of the nearest one on the other side."""
+    """The volume with new values at voxels (N, 3) that change sides: those of the nearest one on the other side.
+
+    NaN, which is outside, is taken over only if there is no other value outside.
+    """
     values = volume.copy()
     if volume.dtype == bool:
         values[tuple(changed.T)] ^= True
         return values
+    outside = ~before
+    if (known := outside & ~np.isnan(volume)).any():
+        outside = known
     for first, rows in tiles_of(changed, _TILE):
-        for was_inside in (True, False):
+        for was_inside, others in ((True, outside), (False, before)):
             voxels = changed[rows][before[tuple(changed[rows].T)] == was_inside]
             if len(voxels):
-                values[tuple(voxels.T)] = volume[tuple(_nearest(before, was_inside, first, voxels).T)]
+                values[tuple(voxels.T)] = volume[tuple(_nearest(others, first, voxels).T)]
     return values
 
 
-def _nearest(inside: Booleans, was_inside: bool, first: Integers, voxels: Integers) -> Integers:
-    """The nearest voxel (N, 3) on the other side of each of some in a tile, which is given by its first one."""
+def _nearest(others: Booleans, first: Integers, voxels: Integers) -> Integers:
+    """The nearest of some voxels (X, Y, Z) to each one (N, 3) in a tile, which is given by its first one."""
     margin = 2
     while True:
         low = np.maximum(first - margin, 0)
-        part = inside[tuple(slice(a, b) for a, b in zip(low, first + _TILE + margin, strict=True))] == was_inside
-        is_whole = part.shape == inside.shape
+        part = ~others[tuple(slice(a, b) for a, b in zip(low, first + _TILE + margin, strict=True))]
+        is_whole = part.shape == others.shape
         if is_whole or not part.all():
             away, nearest = distance_transform_edt(part, return_indices=True)
             own = tuple((voxels - low).T)

@@ -278,6 +278,7 @@ def noisy_torus(size: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 def meshes(sizes: list[int]) -> None:
     points = []
+    tk.from_mesh(*noisy_torus(32)).simplify(below=6.0, components=False)  # what is compiled
     for size in sizes:
         vertices, faces = noisy_torus(size)
         shape = tk.from_mesh(vertices, faces)

@@ -90,6 +90,23 @@ def test_volumes_are_written_with_sizes_and_places(image: Path, suffix: str) -> 
         assert np.allclose(np.diag([-1, -1, 1, 1]) @ np.array(other.affine), place.affine)
 
 
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_values_that_torch_cannot_compare_come_back_in_their_type(tmp_path: Path, suffix: str) -> None:
+    values = np.zeros((12, 12, 9), dtype=np.uint16)
+    values[2:10, 2:10, 2:7] = 60_000
+    values[6, 6] = 0
+    path, again = tmp_path / f"gray{suffix}", tmp_path / f"mended{suffix}"
+    tk.from_voxels(values, level=30_000).save(path)
+    shown = invoke("mend", path, "--level", "30000", "-o", again, "--below", "2")
+    assert shown.exit_code == 0, shown.stderr
+    mended = tk.load(again, level=30_000)
+    assert (mended.genus(), mended.field.given_type) == (0, torch.uint16)
+    assert set(mended.field.volume.unique().tolist()) == {0, 60_000}
+    part = tk.from_labels(path)[60_000]
+    part.save(again)
+    assert tk.load(again, label=60_000).field.given_type == torch.uint16
+
+
 def test_a_label_in_its_box_keeps_its_place_in_the_world(image: Path) -> None:
     part = tk.from_labels(image)[2]
     path = image.with_name("box.nii")
@@ -120,6 +137,28 @@ def test_boundaries_are_filled_on_request(tmp_path: Path) -> None:
     filled = invoke("mend", path, "-o", output, "--below", "0.1", "--boundaries")
     assert (filled.exit_code, filled.stdout.startswith("1 boundary loop filled. Nothing below 0.1 ")) == (0, True)
     assert tk.load(output).is_closed
+
+
+@pytest.mark.parametrize("suffix", ["npy", "zarr"])
+def test_a_volume_is_mended_block_by_block_into_a_file(tmp_path: Path, suffix: str) -> None:
+    if suffix == "zarr":
+        pytest.importorskip("zarr")
+    labels = np.zeros((60, 40, 40), dtype=np.uint8)
+    labels[5:55, 5:35, 5:35] = 3
+    labels[20, 20] = labels[40, 20, 20] = 0  # a channel of one voxel, and a bubble
+    np.save(tmp_path / "labels.npy", labels)
+    output = tmp_path / f"mended.{suffix}"
+    options = ("--label", "3", "--block-voxels", "30000", "--below", "2", "--json")
+    shown = invoke("mend", tmp_path / "labels.npy", "-o", output, *options)
+    assert shown.exit_code == 0, shown.stderr
+    told = json.loads(shown.stdout)
+    assert (told["before"], told["after"], told["unit"]) == ([1, 1, 1], [1, 0, 0], "voxel")
+    assert sorted(one["kind"] for one in told["removals"]) == ["cavity", "tunnel"]
+    written = tk.load(output, label=3).field.volume.numpy()
+    assert (written.dtype, int((written != labels).sum())) == (np.uint8, told["changed"])
+    wrong = invoke("mend", tmp_path / "labels.npy", "-o", tmp_path / "mended.nii", *options)
+    assert wrong.exit_code == 1
+    assert "written as .npy or .zarr" in wrong.stderr
 
 
 def test_wrong_names_are_refused(image: Path, tmp_path: Path) -> None:

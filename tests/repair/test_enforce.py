@@ -145,3 +145,15 @@ def test_wrong_numbers_are_refused(betti: tuple[int, ...]) -> None:
         tk.from_voxels(FAULTS["a broken bar"]).enforce(betti)
     with pytest.raises(tk.InputError, match="change"):
         tk.from_voxels(FAULTS["a broken bar"]).enforce(change="grow")
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("outside", [np.nan, -np.inf])
+def test_values_that_are_not_finite_are_background_and_do_not_spread(outside: float) -> None:
+    plate = np.zeros((16, 16, 7), dtype=np.float32)
+    plate[2:14, 2:14, 2:5] = 1 + 0.1 * np.random.default_rng(0).random((12, 12, 3))
+    plate[5:7, 5:7] = 0.2
+    plate[0] = outside
+    mended = tk.enforce(plate, level=0.5)
+    assert (betti(plate, level=0.5), betti(mended, level=0.5)) == ((1, 1, 0), (1, 0, 0))
+    assert np.array_equal(np.isfinite(mended), np.isfinite(plate))

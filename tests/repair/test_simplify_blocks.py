@@ -93,6 +93,24 @@ def test_what_is_done_to_noise_is_what_counting_says(tmp_path: Path, seed: int, 
     assert done.changed == (np.load(tmp_path / "out.npy") != volume).sum()
 
 
+@pytest.mark.parametrize("suffix", ["npy", "zarr"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, AssertionError])
+def test_an_interrupt_or_a_wrong_count_leaves_no_file(
+    tmp_path: Path, suffix: str, error: type[BaseException], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if suffix == "zarr":
+        pytest.importorskip("zarr")
+    shape = in_blocks(tmp_path, FLAWED)
+
+    def stopped(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("topokit.repair.in_blocks.counted_simplification", stopped)
+    with pytest.raises(error):
+        shape.simplify(below=4, out=tmp_path / f"out.{suffix}")
+    assert [one.name for one in tmp_path.iterdir()] == ["volume.npy"]
+
+
 def test_where_the_result_goes_must_be_said(tmp_path: Path) -> None:
     shape = in_blocks(tmp_path, FLAWED)
     with pytest.raises(InputError, match="pass out"):

@@ -8,12 +8,21 @@ import numpy as np
 import pytest
 import torch
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes
 
 import topokit as tk
 from topokit.core.handles.cycle_basis import edge_graph
-from topokit.core.handles.simplified import Round, without_small_handles
+from topokit.core.handles.simplified import (
+    Round,
+    _crossed,
+    _is_crossed,
+    _longest_edges,
+    _rings,
+    without_small_handles,
+)
 from topokit.core.handles.small_loops import closed_form, small_loops
+from topokit.core.handles.surgery import cut_and_capped
 from topokit.core.mesh.defects import intersecting_faces
 from topokit.core.mesh.topology import mesh_topology
 from topokit.errors import InputError, Interrupted
@@ -29,11 +38,16 @@ def last(rounds: Iterator[Round]) -> Round:
 
 @pytest.fixture(scope="module")
 def noisy_torus() -> Mesh:
-    """A torus from a noisy volume, with more than ten handles of a few voxels; its tunnel is 17 voxels wide."""
+    """With more than ten handles of a few voxels; its tunnel is 17 voxels wide."""
+    return torus_with_noise(0.45)
+
+
+def torus_with_noise(size: float) -> Mesh:
+    """The largest component of a torus from a noisy volume."""
     axis = np.linspace(-1, 1, 40)
     x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
     field = 0.28 - np.hypot(np.hypot(x, y) - 0.6, z)
-    field += 0.45 * gaussian_filter(np.random.default_rng(0).normal(size=field.shape), 1)
+    field += size * gaussian_filter(np.random.default_rng(0).normal(size=field.shape), 1)
     vertices, faces, *_ = marching_cubes(np.pad(field, 1, constant_values=-1), 0)
     topology = mesh_topology(vertices.astype(float), faces.astype(np.int64))
     used, own = np.unique(topology.faces[topology.face_labels == 0], return_inverse=True)
@@ -180,3 +194,21 @@ def test_what_is_narrowest_is_said_where_nothing_is_narrower() -> None:
     assert made.simplification.removals == ()
     assert made.simplification.narrowest == pytest.approx(0.6, abs=0.02)
     assert "The narrowest that was seen is 0.597 wide." in made.simplification.summary()
+
+
+def test_caps_beside_a_loop_meet_what_they_meet_in_the_whole_mesh() -> None:
+    pytest.importorskip("igl")
+    vertices, faces = torus_with_noise(0.8)
+    loops = small_loops(edge_graph(vertices, faces), 24.0).loops
+    rings, _ = _rings(vertices, faces, loops, 6.0, frozenset({"cut", "filled"}), set(), each=False)
+    tree, longest = cKDTree(vertices[faces].mean(axis=1)), _longest_edges(vertices, faces)
+    alone = [_is_crossed(vertices, faces, ring, tree, longest) for ring in rings]
+    assert 0 < sum(alone) < len(rings)
+    chosen = [*np.flatnonzero(alone)[:4], *np.flatnonzero(~np.array(alone))[:4]]
+    for row in chosen:
+        after = cut_and_capped(vertices, faces, [rings[row].vertices])
+        assert _crossed((vertices, faces), after, [rings[row]]).tolist() == [alone[row]]
+    refused: set[tuple[int, ...]] = set()
+    others, _ = _rings(vertices, faces, loops, 6.0, frozenset({"cut", "filled"}), refused, each=True)
+    assert len(refused) >= sum(alone)
+    assert not any(_is_crossed(vertices, faces, ring, tree, longest) for ring in others)

@@ -204,3 +204,18 @@ def test_what_is_narrowest_is_said_where_nothing_is_narrower() -> None:
     assert 2.5 <= done.narrowest <= 3.1
     assert "The narrowest that was seen" in done.summary()
     assert tk.from_voxels(BODY).simplify(below=2.5).simplification.narrowest is None
+
+
+def test_a_width_may_be_any_real_number_and_ways_are_checked() -> None:
+    plate = np.zeros((20, 20, 7), dtype=bool)
+    plate[2:18, 2:18, 2:5] = True
+    plate[9:11, 9:11] = False
+    shape = tk.from_voxels(plate)
+    for width in (3, 3.0, np.float32(3), np.int64(3)):
+        assert shape.simplify(below=width).genus() == 0
+    for wrong in (True, "3", 0, np.nan, np.inf):
+        with pytest.raises(tk.InputError, match="a positive width"):
+            shape.simplify(below=wrong)
+    for wrong in ("open", ["cut"], 0):
+        with pytest.raises(tk.InputError, match="handles is"):
+            shape.simplify(below=3, handles=wrong)

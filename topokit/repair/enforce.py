@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import from_voxels
@@ -65,7 +66,7 @@ def enforced_shape(shape: Shape, betti: Betti, change: Change) -> Shape:
         raise InputError(f"change is {change!r}; expected one of {', '.join(map(repr, get_args(Change)))}.")
     field = voxel_field(shape)
     inside = field.is_inside(field.volume).cpu().numpy()
-    gray = None if has_two_values(field) else field.detached().cpu().numpy().astype(np.float32)
+    gray = None if has_two_values(field) else _finite(field.detached().cpu().numpy().astype(np.float32))
     after = enforced(inside, gray, betti, change, field.connectivity, field.grid.spacing) if inside.any() else None
     if after is None:
         pieces, tunnels, cavities = betti
@@ -74,6 +75,13 @@ def enforced_shape(shape: Shape, betti: Betti, change: Change) -> Shape:
             f"{shape.name}: no solid with {asked} was found near this one, of which the report has "
             f"{shape.report().solid_betti}. Ask for numbers nearer to these, or for several steps."
         )
-    changed = plural(int((after != inside).sum()), "voxel")
-    made = with_solid(shape, field, inside, after)
-    return made.replace(notes=(*made.notes, f"{changed} changed sides, so that the solid has the wanted topology."))
+    changed = np.argwhere(after != inside)
+    made = with_solid(shape, field, inside, changed)
+    told = plural(len(changed), "voxel")
+    return made.replace(notes=(*made.notes, f"{told} changed sides, so that the solid has the wanted topology."))
+
+
+def _finite(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Depths with infinite ones, as those of NaN, replaced by the largest of the others."""
+    largest = np.abs(values[np.isfinite(values)]).max(initial=0.0)
+    return np.clip(values, -largest, largest) if largest else np.sign(values)

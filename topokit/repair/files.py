@@ -27,7 +27,7 @@ def save(shape: Shape, path: str | os.PathLike[str]) -> None:
             shape.to_trimesh().export(unfinished, file_type=suffix[1:])
     elif isinstance(shape.field, VoxelField):
         suffix = _suffix(target, tuple(WRITERS), f"{shape.name} is a volume")
-        values = shape.field.volume.detach().cpu().numpy()
+        values = shape.field.volume.detach().cpu().to(shape.field.given_type).numpy()
         with completed_file(target) as unfinished:
             write_volume(unfinished, suffix, values, _placement(shape.field))
     else:

@@ -18,7 +18,7 @@ from topokit.core.arrays import Floats, Integers
 from topokit.core.blocks.division import Box, Division
 from topokit.core.grid.euler import comparable
 from topokit.core.grid.grid import Grid
-from topokit.core.homotopy.simplified import Block, Way, changed_voxels
+from topokit.core.homotopy.simplified import Block, Way
 from topokit.core.progress import advance, begin, stages
 from topokit.core.removal import Removal
 from topokit.errors import InputError
@@ -65,10 +65,10 @@ def simplified_in_blocks(
                 removals, unsettled, narrowest = removals + more, unsettled + left, min(narrowest, wider)
                 changed = np.setxor1d(changed, np.ravel_multi_index(tuple(flipped.T), volume.shape))
                 advance((number + 1) / len(cores))
-        answer = _shape_of(shape, stored, copy.path).counted
-    made = _shape_of(shape, stored, Path(out), answer)
-    after = made.report().solid_betti
-    done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, unsettled)
+        counted = _shape_of(shape, stored, copy.path)
+        after = counted.report().solid_betti
+        done = counted_simplification(shape.name, below, removals, before, after, len(changed), narrowest, unsettled)
+    made = _shape_of(shape, stored, Path(out), counted.counted)
     return made.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 
@@ -105,9 +105,9 @@ def _mended(
     block = Block((ends_x, ends_y, ends_z), (core_x, core_y, core_z))
     whole = tuple(slice(0, n) for n in inside.shape)
     found = simplified_field(field, inside, whole, below, ways, block)
-    changed = changed_voxels(found.steps)
+    changed = found.changed
     if len(changed):
-        new = with_values_of_the_nearest(values, inside, found.solid)
+        new = with_values_of_the_nearest(values, inside, changed)
         first, last = changed.min(axis=0), changed.max(axis=0) + 1
         a, b, c = zip((low + first).tolist(), (low + last).tolist(), strict=True)
         copy.write((a, b, c), new[tuple(map(slice, first, last))])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
+from numbers import Real
 
 from topokit.adapters.voxels.large import StoredSolid
 from topokit.core.homotopy.simplified import Way
@@ -35,9 +36,9 @@ def simplify(
     out: str | os.PathLike[str] | None,
 ) -> Shape:
     """The shape without features narrower than a width; see `Shape.simplify`."""
-    if not (isinstance(below, int | float) and 0 < below < math.inf):
+    if not (isinstance(below, Real) and not isinstance(below, bool) and 0 < below < math.inf):
         raise InputError(f"below is {below!r}; a positive width in units of length was expected.")
-    if handles not in _OF_HANDLES:
+    if not isinstance(handles, str | bool) or handles not in _OF_HANDLES:
         raise InputError(f"handles is {handles!r}; 'auto', 'cut', 'fill' or False was expected.")
     ways = _OF_HANDLES[handles]
     ways |= _OF_CAVITIES if cavities else frozenset()

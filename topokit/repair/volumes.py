@@ -18,7 +18,7 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import occupied_box
 from topokit.core.grid.tiles import tiles_of
-from topokit.core.homotopy.simplified import Betti, Block, Simplified, Step, Way, changed_voxels, simplified
+from topokit.core.homotopy.simplified import Betti, Block, Simplified, Step, Way, simplified
 from topokit.core.removal import KINDS, Removal
 from topokit.core.scale.widths import SurfaceWidths
 from topokit.errors import InputError
@@ -51,16 +51,14 @@ def simplified_volume(shape: Shape, below: float, ways: frozenset[Way]) -> Shape
     low = np.array([max(start - more, 0) for (start, _), more in zip(sides, margin, strict=True)])
     box = tuple(slice(a, stop + more) for a, (_, stop), more in zip(low, sides, margin, strict=True))
     found = simplified_field(field, inside, box, below, ways)
-    if not found.solid.any():
+    changed = found.changed + low
+    was_inside = inside[tuple(changed.T)]
+    if int(was_inside.sum()) - int((~was_inside).sum()) == np.count_nonzero(inside):
         raise everything_is_narrower(shape.name, below)
-    after = inside.copy()
-    after[box] = found.solid
-    result = with_solid(shape, field, inside, after)
+    result = with_solid(shape, field, inside, changed)
     removals = removals_of(found.steps, np.asarray(field.grid.origin) + low * field.grid.spacing, field.grid.spacing)
-    changed = len(changed_voxels(found.steps))
-    done = counted_simplification(
-        shape.name, below, removals, found.before, result.report().solid_betti, changed, found.narrowest
-    )
+    after = result.report().solid_betti
+    done = counted_simplification(shape.name, below, removals, found.before, after, len(changed), found.narrowest)
     return result.replace(simplification=done, notes=(*shape.notes, done.summary()))
 
 
@@ -156,44 +154,50 @@ def has_two_values(field: VoxelField) -> bool:
     return field.is_binary or bool(((volume == volume.min()) | (volume == volume.max())).all())
 
 
-def with_solid(shape: Shape, field: VoxelField, before: Booleans, after: Booleans) -> Shape:
-    """A volume whose solid is another one; its name, notes, level, labels and placement are kept.
+def with_solid(shape: Shape, field: VoxelField, before: Booleans, changed: Integers) -> Shape:
+    """A volume of which some voxels changed sides; its name, notes, level, labels and placement are kept.
 
     Args:
         shape: of the volume.
         field: its voxels.
         before: (X, Y, Z), its solid.
-        after: (X, Y, Z), the other one.
+        changed: (N, 3), the voxels, each once.
     """
     volume = field.volume.detach()
-    values = with_values_of_the_nearest(volume.cpu().numpy(), before, after)
+    values = with_values_of_the_nearest(volume.cpu().numpy(), before, changed)
     solid = Solid(None if field.is_binary else field.level, field.labels, field.connectivity)
     first, given = field.placement.voxel(field.grid.origin), torch.from_numpy(values).to(volume)
-    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first)
+    made = shape_in_memory(shape.name, given, field.placement, solid, _SAMPLING, first, given_type=field.given_type)
     return made.replace(notes=shape.notes, n_neighbors=shape.n_neighbors)
 
 
-def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, after: Booleans) -> NDArray[Any]:
-    """The volume with new values where two solids differ: those of the nearest voxel on the other side."""
-    if volume.dtype == bool:
-        return np.logical_xor(volume, before != after)
+def with_values_of_the_nearest(volume: NDArray[Any], before: Booleans, changed: Integers) -> NDArray[Any]:
+    """The volume with new values at voxels (N, 3) that change sides: those of the nearest one on the other side.
+
+    NaN, which is outside, is taken over only if there is no other value outside.
+    """
     values = volume.copy()
-    voxels = np.argwhere(before != after)
-    for first, rows in tiles_of(voxels, _TILE):
-        for was_inside in (True, False):
-            changed = voxels[rows][before[tuple(voxels[rows].T)] == was_inside]
-            if len(changed):
-                values[tuple(changed.T)] = volume[tuple(_nearest(before, was_inside, first, changed).T)]
+    if volume.dtype == bool:
+        values[tuple(changed.T)] ^= True
+        return values
+    outside = ~before
+    if (known := outside & ~np.isnan(volume)).any():
+        outside = known
+    for first, rows in tiles_of(changed, _TILE):
+        for was_inside, others in ((True, outside), (False, before)):
+            voxels = changed[rows][before[tuple(changed[rows].T)] == was_inside]
+            if len(voxels):
+                values[tuple(voxels.T)] = volume[tuple(_nearest(others, first, voxels).T)]
     return values
 
 
-def _nearest(inside: Booleans, was_inside: bool, first: Integers, voxels: Integers) -> Integers:
-    """The nearest voxel (N, 3) on the other side of each of some in a tile, which is given by its first one."""
+def _nearest(others: Booleans, first: Integers, voxels: Integers) -> Integers:
+    """The nearest of some voxels (X, Y, Z) to each one (N, 3) in a tile, which is given by its first one."""
     margin = 2
     while True:
         low = np.maximum(first - margin, 0)
-        part = inside[tuple(slice(a, b) for a, b in zip(low, first + _TILE + margin, strict=True))] == was_inside
-        is_whole = part.shape == inside.shape
+        part = ~others[tuple(slice(a, b) for a, b in zip(low, first + _TILE + margin, strict=True))]
+        is_whole = part.shape == others.shape
         if is_whole or not part.all():
             away, nearest = distance_transform_edt(part, return_indices=True)
             own = tuple((voxels - low).T)

@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter1d
 
-from topokit.core.homotopy.bits import packed, voxels_of, widened
+from topokit.core.homotopy.bits import are_set, changes, packed, voxels_of, widened
 
 
 @pytest.mark.parametrize("length", [3, 64, 70, 200])
 def test_packed_voxels_come_back(length: int) -> None:
     solid = np.random.default_rng(length).random((4, 5, length)) < 0.3
     assert np.array_equal(voxels_of(packed(solid), length), np.flatnonzero(solid))
+
+
+@pytest.mark.parametrize("length", [3, 64, 70, 200])
+def test_single_voxels_and_where_rows_change(length: int) -> None:
+    draw = np.random.default_rng(length)
+    solid = draw.random((4, 5, length)) < 0.5
+    some = draw.integers(0, solid.size, 100)
+    assert np.array_equal(are_set(packed(solid), some, length), solid.ravel()[some])
+    is_new = np.pad(solid[:, :, 1:] != solid[:, :, :-1], ((0, 0), (0, 0), (1, 0)), constant_values=True)
+    assert np.array_equal(voxels_of(changes(packed(solid), length), length), np.flatnonzero(is_new))
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

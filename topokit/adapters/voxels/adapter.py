@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from numbers import Integral
 from typing import Any, NamedTuple
@@ -139,10 +139,10 @@ def from_voxels(
     if (blocks := blocks_of(volume, entry, block_voxels, client)) is not None:
         place, solid = placed(blocks.volume.placement, spacing, origin), Solid(level, labels, connectivity)
         return shape_in_blocks(blocks, place, place.grid(blocks.volume.shape), solid, n_neighbors, ends)
-    name, values, found = open_volume(volume, entry)
+    name, values, found, given_type = open_volume(volume, entry)
     sampling = Sampling(n_samples, deferred_seed(generator), positions, n_neighbors)
     place, solid = placed(found, spacing, origin), Solid(level, labels, connectivity)
-    return shape_in_memory(name, values, place, solid, sampling, ends=ends)
+    return shape_in_memory(name, values, place, solid, sampling, ends=ends, given_type=given_type)
 
 
 class Sampling(NamedTuple):
@@ -162,6 +162,7 @@ def shape_in_memory(
     sampling: Sampling,
     first: Index = (0, 0, 0),
     ends: Ends | None = None,
+    given_type: torch.dtype | None = None,
 ) -> Shape:
     """The shape of a volume in memory, or of a box of it.
 
@@ -173,6 +174,7 @@ def shape_in_memory(
         sampling: how to sample it.
         first: index in the whole volume of the first of the values.
         ends: what there is at its ends; background if None.
+        given_type: in which the values came, and are saved; their own if None.
     """
     ends = ends or Ends()
     seen = solid.seen(values)
@@ -181,7 +183,7 @@ def shape_in_memory(
     if level is None:
         level = 0.0 if solid.labels or values.dtype == torch.bool else seen.high / 2
     grid, is_cut_out = placement.grid(values.shape, first), ends.edges == "cut-out"
-    field = VoxelField(values, level, solid.labels, grid, solid.connectivity, placement, is_cut_out)
+    field = VoxelField(values, level, solid.labels, grid, solid.connectivity, placement, is_cut_out, given_type)
 
     def inside() -> Booleans:
         return field.is_inside(field.volume).cpu().numpy()
@@ -228,10 +230,24 @@ def counted_answer(count: Callable[[], CountedVolume], field: VoxelField, placem
     return volume_answer(counted, field.connectivity, placement, time.perf_counter() - started)
 
 
-def open_volume(
-    volume: str | os.PathLike[str] | Tensor | ArrayLike, entry: Entry
-) -> tuple[str, Tensor, Placement | None]:
-    """What to call a volume, its values (X, Y, Z), and where they are, if the file says it."""
+class VolumeInMemory(NamedTuple):
+    """A volume in memory.
+
+    Attributes:
+        name: what to call it.
+        values: (X, Y, Z), of a type that torch can compare.
+        placement: where they are, if the file says it.
+        given_type: in which they came.
+    """
+
+    name: str
+    values: Tensor
+    placement: Placement | None
+    given_type: torch.dtype
+
+
+def open_volume(volume: str | os.PathLike[str] | Tensor | ArrayLike, entry: Entry) -> VolumeInMemory:
+    """The values of a volume, and what is known about them."""
     name, placement, names = "voxels", None, axis_names(volume)
     if isinstance(volume, str | os.PathLike) and not lies_in(volume, ADDRESSES):
         path = user_path(volume)
@@ -245,12 +261,12 @@ def open_volume(
         name, entry = stored.name, ALL
     elif (found := image_of(volume, entry)) is not None:
         volume, placement, names = found
-    return name, _as_volume(volume, entry, names), placement
-
-
-def _as_volume(volume: object, entry: Entry, names: Sequence[str]) -> Tensor:
     values = as_tensor(volume, "the volume", "(X, Y, Z)")
     values = values[volume_index(values.shape, entry, names)]
+    return VolumeInMemory(name, _compared(values), placement, values.dtype)
+
+
+def _compared(values: Tensor) -> Tensor:
     if values.dtype == torch.uint64:
         values = values.view(torch.int64)
         if bool((values < 0).any()):

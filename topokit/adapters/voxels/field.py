@@ -38,6 +38,7 @@ class VoxelField(Field):
         connectivity: int,
         placement: Placement | None = None,
         is_cut_out: bool = False,
+        given_type: torch.dtype | None = None,
     ) -> None:
         """Take a volume.
 
@@ -49,10 +50,11 @@ class VoxelField(Field):
             connectivity: 6 or 26, that of the solid.
             placement: of the whole volume that this one may be a box of; that of the grid if None.
             is_cut_out: whether it is taken for a box of a larger body.
+            given_type: in which the values came, which torch may not be able to compare; their own if None.
         """
         super().__init__(grid, connectivity)
         self.placement = placement or Placement(grid.spacing, grid.origin)
-        self.is_cut_out = is_cut_out
+        self.is_cut_out, self.given_type = is_cut_out, given_type or volume.dtype
         self.volume, self.level, self.labels = volume, level, labels
         self.is_binary = bool(labels) or volume.dtype == torch.bool
 

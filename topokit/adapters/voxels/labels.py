@@ -102,24 +102,29 @@ def from_labels(
             label: label_in_blocks(blocks, label, boxes[label], place, connectivity, n_neighbors)
             for label in _wanted(name, labels, boxes)
         }
-    name, values, found = open_volume(volume, entry)
+    name, values, found, given_type = open_volume(volume, entry)
     boxes, place = label_boxes(values), placed(found, spacing, origin)
     wanted = _wanted(name, labels, boxes)
-    counts = _Counts(values, {label: boxes[label] for label in wanted}, connectivity, place)
+    counts = _Counts(values, {label: boxes[label] for label in wanted}, connectivity, place, given_type)
     return {label: counts.shape(name, label, sampling) for label in wanted}
 
 
 class _Counts:
     """Labels of a volume in memory, which are counted together when the first one is asked for."""
 
-    def __init__(self, values: Tensor, boxes: dict[int, Box], connectivity: int, placement: Placement) -> None:
+    def __init__(
+        self, values: Tensor, boxes: dict[int, Box], connectivity: int, placement: Placement, given_type: torch.dtype
+    ) -> None:
         self._values, self._boxes, self._connectivity, self._placement = values, boxes, connectivity, placement
+        self._given_type = given_type
 
     def shape(self, name: str, label: int, sampling: Sampling) -> Shape:
         """The shape of one of them."""
         box, solid = self._boxes[label], Solid(None, (label,), self._connectivity)
         grid = self._grid(box)
-        field = VoxelField(self._values[box], 0.0, (label,), grid, self._connectivity, self._placement)
+        field = VoxelField(
+            self._values[box], 0.0, (label,), grid, self._connectivity, self._placement, given_type=self._given_type
+        )
         return sampled_shape(
             f"{name}, label {label}",
             field,

@@ -42,7 +42,7 @@ def opened_volume(
     dataset: str | None = None,
 ) -> OpenedVolume:
     """The values of a volume, whose arguments and errors are those of `from_voxels`."""
-    name, values, found = open_volume(volume, Entry(dataset))
+    name, values, found, _ = open_volume(volume, Entry(dataset))
     return OpenedVolume(name, values.detach().cpu(), placed(found, spacing, (0.0, 0.0, 0.0)))
 
 

@@ -4,6 +4,9 @@ Round after round, short loops that do not bound are found, as many as keep clea
 the result is counted, until none is left. A loop that runs around a handle bounds a disc inside the solid, and cutting
 there cuts the handle; one that runs around a tunnel bounds a disc outside, and cutting there fills the tunnel. Which of
 the loops together would take the surface apart, Kruskal's algorithm decides: the widest of these stay.
+
+Caps must meet no other faces. This is checked for all loops of a round at once, since few do. From the round after the
+first that did, each loop is also checked by itself before, so that the next one beside it is tried in the same round.
 """
 
 from __future__ import annotations
@@ -86,8 +89,9 @@ def without_small_handles(
         begin(_STAGE)
         found, is_everywhere = small_loops(edge_graph(vertices, faces), _PERIMETER * below), True
         while True:
-            rings, narrowest = _rings(vertices, faces, found.loops, below, ways, refused)
-            chosen, n_refused = _not_separating(faces, rings), len(refused)
+            n_refused = len(refused)
+            rings, narrowest = _rings(vertices, faces, found.loops, below, ways, refused, check and n_refused > 0)
+            chosen = _not_separating(faces, rings)
             n_found = max(n_found, len(removals) + len(chosen))
             n_vertices = len(vertices)
             vertices, faces, chosen = _cut(vertices, faces, chosen, refused, check)
@@ -116,26 +120,37 @@ def _rings(
     below: float,
     ways: frozenset[How],
     refused: set[tuple[int, ...]],
+    each: bool,
 ) -> tuple[list[Ring], float]:
     """Of the loops, shortest first, those that may be cut and do not meet or neighbor each other; narrowest first.
 
-    And how wide the narrowest of the others is that are as wide as asked or wider.
+    And how wide the narrowest of the others is that are as wide as asked or wider. If each loop is looked at by itself,
+    those whose caps meet other faces are added to those that are refused.
     """
     normals = _normals(vertices, faces)
     order = np.argsort(faces.ravel(), kind="stable")
     begins = np.searchsorted(faces.ravel()[order], np.arange(len(vertices) + 1))
     taken = np.zeros(len(vertices), dtype=bool)
+    tree, longest = cKDTree(vertices[faces].mean(axis=1)), _longest_edges(vertices, faces)
     found, narrowest = [], np.inf
     for _, loop in loops:
-        if taken[loop].any() or tuple(np.sort(loop).tolist()) in refused:
+        if taken[loop].any() or _name(loop) in refused:
             continue
         ring = _ring(vertices, normals, loop)
         narrowest = min(narrowest, ring.width if ring.width >= below else np.inf)
         if ring.width < below and ring.how in ways:
+            if each and _is_crossed(vertices, faces, ring, tree, longest):
+                refused.add(_name(loop))
+                continue
             found.append(ring)
             for vertex in loop:
                 taken[faces[order[begins[vertex] : begins[vertex + 1]] // 3]] = True
     return sorted(found, key=lambda one: (one.width, one.vertices.tolist())), narrowest
+
+
+def _name(loop: Integers) -> tuple[int, ...]:
+    """What a loop is called, wherever it begins."""
+    return tuple(np.sort(loop).tolist())
 
 
 def _normals(vertices: Floats, faces: Integers) -> Floats:
@@ -183,32 +198,55 @@ def _not_separating(faces: Integers, rings: list[Ring]) -> list[Ring]:
 def _cut(
     vertices: Floats, faces: Integers, rings: list[Ring], refused: set[tuple[int, ...]], check: bool
 ) -> tuple[Floats, Integers, list[Ring]]:
-    """The mesh cut along the rings whose caps meet no other faces; the others are added to those that are refused."""
+    """The mesh cut along the rings whose caps, all together, meet no other faces; the others become refused."""
     while rings:
         points, triangles = cut_and_capped(vertices, faces, [ring.vertices for ring in rings])
         crossed = _crossed((vertices, faces), (points, triangles), rings) if check else np.zeros(len(rings), dtype=bool)
         if not crossed.any():
             return *counted_cut(vertices, faces, points, triangles, len(rings)), rings
-        refused |= {tuple(np.sort(ring.vertices).tolist()) for ring, bad in zip(rings, crossed, strict=True) if bad}
+        refused |= {_name(ring.vertices) for ring, bad in zip(rings, crossed, strict=True) if bad}
         rings = [ring for ring, bad in zip(rings, crossed, strict=True) if not bad]
     return vertices, faces, []
+
+
+def _is_crossed(vertices: Floats, faces: Integers, ring: Ring, tree: cKDTree, longest: Floats) -> bool:
+    """Whether faces intersect beside a ring, if the mesh is cut along it alone.
+
+    Args:
+        vertices: (V, 3).
+        faces: (F, 3).
+        ring: along which the mesh would be cut.
+        tree: of the middles of the faces.
+        longest: (V,), the longest edge at each vertex.
+    """
+    near = tree.query_ball_point(ring.place, _looked_at(vertices, longest, ring))
+    used, part = np.unique(faces[near], return_inverse=True)
+    points, part, loop = vertices[used], part.reshape(-1, 3), np.searchsorted(used, ring.vertices)
+    return bool(_crossed((points, part), cut_and_capped(points, part, [loop]), [ring._replace(vertices=loop)])[0])
+
+
+def _looked_at(vertices: Floats, longest: Floats, ring: Ring) -> float:
+    """How far around a ring's place faces are that it or its caps may meet; the longest edges are those whose ends
+    move."""
+    radius = np.linalg.norm(vertices[ring.vertices] - ring.place, axis=1).max()
+    return _BEYOND * float(radius + longest[ring.vertices].max())
 
 
 def _crossed(before: Arrays, after: Arrays, rings: list[Ring]) -> Booleans:
     """Whether faces intersect beside each of the rings that did not do so before."""
     (old_points, faces), (points, triangles) = before, after
-    radii = [np.linalg.norm(old_points[ring.vertices] - ring.place, axis=1).max() for ring in rings]
     longest = _longest_edges(old_points, faces)
-    sides = [longest[ring.vertices].max() for ring in rings]  # of the faces whose corners move
-    near = cKDTree(points[triangles].mean(axis=1)).query_ball_point(
-        [ring.place for ring in rings], _BEYOND * (np.array(radii) + sides)
-    )
+    reaches = [_looked_at(old_points, longest, ring) for ring in rings]
+    near = cKDTree(points[triangles].mean(axis=1)).query_ball_point([ring.place for ring in rings], reaches)
     rows = np.unique(np.concatenate([np.asarray(one, dtype=np.int64) for one in near]))
     pairs = rows[intersecting_faces(points, triangles[rows])]
     old = rows[rows < len(faces)]
     known = old[intersecting_faces(old_points, faces[old])]
     size = len(triangles)
     pairs = pairs[~np.isin(_codes(pairs, size), _codes(known, size))]
+    is_as_it_was = np.zeros(size, dtype=bool)  # two such faces meet, if at all, at the border of a part of a mesh
+    is_as_it_was[: len(faces)] = (points[triangles[: len(faces)]] == old_points[faces]).all(axis=(1, 2))
+    pairs = pairs[~is_as_it_was[pairs].all(axis=1)]
     crossed = np.zeros(len(rings), dtype=bool)
     if len(pairs):
         owner = np.repeat(np.arange(len(rings)), [len(ring.vertices) for ring in rings])

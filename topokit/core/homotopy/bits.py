@@ -60,6 +60,21 @@ def of_voxels(voxels: Integers, shape: tuple[int, int, int]) -> Bits:
     return rows.reshape(shape[0], shape[1], -1)
 
 
+def are_set(bits: Bits, voxels: Integers, length: int) -> Booleans:
+    """Whether each of some voxels, given by flat indices (N,) in a volume so long along the last axis, is set."""
+    row, z = np.divmod(voxels, length)
+    found: Booleans = bits.reshape(-1, bits.shape[2])[row, z // WORD] >> (z % WORD).astype(np.uint64) & 1 == 1
+    return found
+
+
+def changes(bits: Bits, length: int) -> Bits:
+    """The voxels that are unlike the one before along the last axis, which is so long, and the first of each row."""
+    row = packed(np.ones((1, 1, length), dtype=bool))
+    found = (bits ^ _ahead(bits, 2, -1)) & row
+    found[:, :, 0] |= np.uint64(1)
+    return found
+
+
 def widened(bits: Bits, axis: int, before: int, after: int) -> Bits:
     """Every voxel that has a set one among so many before it and after it along an axis, or is set."""
     return _reached(_reached(bits, axis, 1, after), axis, -1, before)

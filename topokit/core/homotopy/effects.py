@@ -7,7 +7,7 @@ from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.links import completed
 from topokit.core.blocks.planes import root_of
 from topokit.core.homotopy.growth import Nodes
-from topokit.core.homotopy.simple_points import Counts, Indices, code_at, touching
+from topokit.core.homotopy.simple_points import Counts, Indices, code_at, exchanged, touching
 
 
 @compiled
@@ -24,7 +24,7 @@ def flip(inside: Counts, voxels: Indices, around: Integers, connectivity: int) -
     for voxel in voxels:
         code = code_at(inside, voxel, around) | 1 << 13
         if connectivity == 26:
-            code = (~code & 0x7FFFFFF) | 1 << 13
+            code = exchanged(code) | 1 << 13
         own = completed(code) if connectivity == 6 else -completed(code)
         change += -own if inside[voxel] else own
         inside[voxel] ^= 1
@@ -52,7 +52,7 @@ def effect(
     change = flip(solid, voxels, around, connectivity)
     is_added = set(voxels)
     touched, beside, within = {0}, {0}, {0}
-    of_solid, of_background = touching(0x7FFFFFF, connectivity), touching(0x7FFFFFF, 32 - connectivity)
+    of_solid, of_background = touching(exchanged(0), connectivity), touching(exchanged(0), 32 - connectivity)
     for voxel in voxels:
         within.add(int(root_of(holes, nodes[voxel])))
         for k in range(27):

@@ -13,7 +13,16 @@ from numpy.typing import NDArray
 
 from topokit.core.arrays import Integers
 from topokit.core.blocks.compiled import compiled
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, is_simple_in, n_touching, touching
+from topokit.core.homotopy.simple_points import (
+    OFFSETS,
+    Counts,
+    Indices,
+    code_at,
+    exchanged,
+    is_simple_in,
+    n_touching,
+    touching,
+)
 
 Ranks = NDArray[np.int32]
 Nodes = NDArray[np.int32]
@@ -99,5 +108,5 @@ def numbers_at(inside: Counts, voxels: Indices, around: Integers, connectivity: 
     for row in range(len(voxels)):
         code = code_at(inside, voxels[row], around)
         solid[row] = n_touching(code, connectivity)
-        background[row] = n_touching(~code & 0x7FFFFFF, 32 - connectivity)
+        background[row] = n_touching(exchanged(code), 32 - connectivity)
     return solid, background

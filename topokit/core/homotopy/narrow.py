@@ -20,7 +20,7 @@ from topokit.core.blocks.compiled import compiled
 from topokit.core.grid.euler import dual_connectivity
 from topokit.core.homotopy.bits import WORD, Bits, of_voxels, packed, voxels_of, widened
 from topokit.core.homotopy.growth import strides_around
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, n_touching
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, code_at, exchanged, n_touching
 
 _HALF = 0.87  # voxels from a center to the corners
 _EQUAL = 0.3  # voxels by which they are as near
@@ -100,7 +100,10 @@ def _narrow_voxels(
     between = _between(own, (x, y, z)) & inner
     sights = _sights(solid.shape, reach + half, spacing, np.zeros((1, 3)))
     anywhere = np.zeros(1)
-    meeting = _meeting(inside, phase, voxels_of(between, length), strides_around(solid.shape), connectivity)
+    beside = own
+    for axis in range(3):
+        beside = widened(beside, axis, 1, 1)
+    meeting = _meeting(inside, phase, voxels_of(between & beside, length), strides_around(solid.shape), connectivity)
     away = _surrounded(inside, phase, meeting, *sights, anywhere, 2 * half, equal)[1]
     is_near = np.isfinite(away)
     meeting, away = meeting[is_near], away[is_near]
@@ -244,24 +247,22 @@ def _surrounded(
     everywhere = (1 << 26) - 1
     for row in range(len(voxels)):
         for sight in range(len(steps)):
-            nearest, directions = -1.0, 0
-            for k in range(steps.shape[1]):
-                distance = distances[sight, k]
-                if distance == np.inf or 0 < nearest < distance - slack:
-                    break
-                if solid[voxels[row] + steps[sight, k]] != phase:
-                    continue
-                if nearest < 0:
-                    nearest = distance
-                    if sight == 0:
-                        away[row] = nearest
-                    if distance < least[sight]:
-                        break
-                directions |= beside[sight, k] if distance <= nearest + equal else ahead[sight, k]
-                if directions == everywhere:
-                    found[row] = True
-                    break
-            if found[row]:
+            voxel, seen, near, k = voxels[row], steps[sight], distances[sight], 0
+            while near[k] < np.inf and solid[voxel + seen[k]] != phase:
+                k += 1
+            nearest, directions = near[k], 0
+            if sight == 0:
+                away[row] = nearest
+            if nearest < least[sight]:
+                continue
+            while near[k] < np.inf and near[k] <= nearest + equal:  # without branches: they would be mispredicted
+                directions |= beside[sight, k] * (solid[voxel + seen[k]] == phase)
+                k += 1
+            while near[k] < np.inf and near[k] - slack <= nearest:
+                directions |= ahead[sight, k] * (solid[voxel + seen[k]] == phase)
+                k += 1
+            if directions == everywhere:
+                found[row] = True
                 break
     return found, away
 
@@ -273,7 +274,7 @@ def _meeting(solid: Counts, phase: int, voxels: Integers, around: Integers, conn
     for row in range(len(voxels)):
         code = code_at(solid, voxels[row], around)
         if phase == 0:
-            code = ~code & 0x7FFFFFF
+            code = exchanged(code)
         if code:
-            found[row] = n_touching(code, connectivity) > 1 or n_touching(~code & 0x7FFFFFF, 32 - connectivity) != 1
+            found[row] = n_touching(code, connectivity) > 1 or n_touching(exchanged(code), 32 - connectivity) != 1
     return voxels[found]

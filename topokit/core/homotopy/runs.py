@@ -5,40 +5,42 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.core.arrays import Integers
+from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import number_roots, root_of
+from topokit.core.homotopy.bits import are_set, changes, of_voxels, packed, voxels_of
 from topokit.core.homotopy.growth import Nodes
 
 States = NDArray[np.uint8]
 
 ELSEWHERE = 2
-"""The state of voxels that are in no region."""
+"""The state of voxels that are in no region, beside 1 in the solid and 0 outside."""
 
 
-def labeled(states: States, connectivity: int) -> tuple[Nodes, States]:
-    """The regions of the voxels in state 1, and of those in state 0.
+def labeled(solid: Booleans, left_out: Integers, connectivity: int) -> tuple[Nodes, States]:
+    """The regions of a solid and of its background without some voxels.
 
     Args:
-        states: (X, Y, Z) of 0, 1 and `ELSEWHERE`.
-        connectivity: 6 or 26, that of state 1; the other one is that of state 0.
+        solid: (X, Y, Z).
+        left_out: (N,) flat indices of the voxels that are in no region.
+        connectivity: 6 or 26, that of the solid; the background has the other one.
 
     Returns:
-        (X Y Z,) numbers from 1 on, meaningless in `ELSEWHERE`, and the states (K,) of what has each number from 0 on.
+        (X Y Z,) numbers from 1 on, meaningless where left out, and the states (K,) of what has each number from 0 on.
     """
-    flat, length = states.ravel(), states.shape[2]
-    is_start = np.empty(flat.size, dtype=bool)
-    np.not_equal(flat[1:], flat[:-1], out=is_start[1:])
-    is_start[::length] = True
-    starts = np.flatnonzero(is_start)
-    rows = np.searchsorted(starts, np.arange(0, flat.size + 1, length))
-    ends = np.append(starts[1:], flat.size)
+    shape, length = solid.shape, solid.shape[2]
+    is_elsewhere = of_voxels(left_out, shape)
+    starts = voxels_of(changes(packed(solid), length) | changes(is_elsewhere, length), length)
+    rows = np.searchsorted(starts, np.arange(0, solid.size + 1, length))
+    ends = np.append(starts[1:], solid.size)
+    states = solid.reshape(-1)[starts].view(np.uint8)
+    states[are_set(is_elsewhere, starts, length)] = ELSEWHERE
     parents, numbers = np.arange(len(starts), dtype=np.int32), np.empty(len(starts), dtype=np.int32)
-    _join_rows(starts, ends, flat[starts], rows, states.shape, connectivity, parents)
+    _join_rows(starts, ends, states, rows, shape, connectivity, parents)
     n_regions = number_roots(parents, numbers)
     own = np.full(n_regions + 1, ELSEWHERE, dtype=np.uint8)
-    own[numbers + 1] = flat[starts]
-    nodes = np.empty(flat.size, dtype=np.int32)
+    own[numbers + 1] = states
+    nodes = np.empty(solid.size, dtype=np.int32)
     _write_runs(starts, ends, numbers, nodes)
     return nodes, own
 

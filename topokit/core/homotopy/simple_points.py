@@ -141,7 +141,7 @@ def _count_all(codes: Codes, connectivity: int) -> tuple[Counts, Counts]:
     background = np.empty(len(codes), dtype=np.int8)
     for row in range(len(codes)):
         solid[row] = n_touching(codes[row], connectivity)
-        background[row] = n_touching(_ALL & ~codes[row], 32 - connectivity)
+        background[row] = n_touching(exchanged(codes[row]), 32 - connectivity)
     return solid, background
 
 
@@ -181,9 +181,15 @@ def code_at(inside: Counts | NDArray[np.uint8], voxel: int, around: Indices) -> 
 
 
 @compiled
+def exchanged(code: int) -> int:
+    """The neighborhood with solid and background exchanged."""
+    return _ALL & ~code
+
+
+@compiled
 def is_simple_in(code: int, connectivity: int) -> bool:
     """Whether a voxel with some neighborhood is simple in one connectivity, 6 or 26."""
-    return bool(n_touching(code, connectivity) == 1 and n_touching(_ALL & ~code, 32 - connectivity) == 1)
+    return bool(n_touching(code, connectivity) == 1 and n_touching(exchanged(code), 32 - connectivity) == 1)
 
 
 @compiled

@@ -85,16 +85,16 @@ class Simplified(NamedTuple):
     """What `simplified` found.
 
     Attributes:
-        solid: (X, Y, Z).
-        steps: that lead to it, each of which was counted.
+        steps: each of which was counted.
+        changed: (N, 3), the voxels that are on another side after them, each once.
         before: Betti numbers of the solid before.
         narrowest: lower bound of the widths of features that were seen and are not narrower; infinite if none was.
         unsettled: of a block, narrow places in its core which may or may not be features, depending on what is beyond
             the block, and what they would be.
     """
 
-    solid: Booleans
     steps: list[Step]
+    changed: Integers
     before: Betti
     narrowest: float
     unsettled: list[tuple[Way, Filled]]
@@ -183,7 +183,7 @@ def simplified(
     cells, taken, before = volume.zone.voxels, list[Step](), counted.betti
     unsettled: list[tuple[Way, Filled]] | None = None
     while len(cells):
-        current = widths(changed_voxels(taken) - volume.first)
+        current = widths(_changed_voxels(taken) - volume.first)
         both = [_steps(volume, counted, is_added, cells, asked, current) for is_added in (False, True)]
         found = [step for steps, _ in both for step in steps]
         if block is not None:
@@ -194,11 +194,10 @@ def simplified(
         done, counted = _taken(volume, found, counted, connectivity)
         taken += done
         cells = _near(volume, [step.voxels for step in found] if done else [], beside)
-    inner = tuple(slice(n, n + size) for n, size in zip(volume.first, inside.shape, strict=True))
-    mended: Booleans = volume.solid.view(bool).reshape(volume.shape)[inner].copy()
     rest = [(way, one._replace(voxel=one.voxel - volume.first)) for way, one in unsettled or []]
     rest = [(way, one) for way, one in rest if block is None or block.has((one,))]
-    return Simplified(mended, [_moved(step, volume.first) for step in taken], before, min(asked.wider), rest)
+    steps = [_moved(step, volume.first) for step in taken]
+    return Simplified(steps, _changed_voxels(steps), before, min(asked.wider), rest)
 
 
 def _volume(solid: Booleans, first: tuple[int, int, int], asked: _Wanted, ends: Ends) -> _Volume:
@@ -210,7 +209,7 @@ def _volume(solid: Booleans, first: tuple[int, int, int], asked: _Wanted, ends: 
     return _Volume(own, other, solid.shape, first, zone, ranks)
 
 
-def changed_voxels(steps: list[Step]) -> Integers:
+def _changed_voxels(steps: list[Step]) -> Integers:
     """The voxels (N, 3) that are on another side after some steps; one of two steps is on the side where it was."""
     voxels = np.concatenate([np.empty((0, 3), dtype=np.int64), *(step.voxels for step in steps)])
     once, counts = np.unique(voxels, axis=0, return_counts=True)

@@ -12,8 +12,8 @@ from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.compiled import compiled
 from topokit.core.blocks.planes import root_of, unite
 from topokit.core.homotopy.growth import Nodes, first_bit, strides_around
-from topokit.core.homotopy.runs import ELSEWHERE, labeled
-from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, touching
+from topokit.core.homotopy.runs import labeled
+from topokit.core.homotopy.simple_points import OFFSETS, Counts, Indices, code_at, component, exchanged, touching
 
 Ends = tuple[tuple[bool, bool], tuple[bool, bool], tuple[bool, bool]]
 """For each axis, whether the volume goes on before the first layer of a block, and after the last one."""
@@ -43,9 +43,7 @@ class Zone:
             ends: at which of its ends the volume goes on.
         """
         self.voxels, self.around = voxels, strides_around(solid.shape)
-        states = np.array(solid, dtype=np.uint8, order="C")  # also of a solid whose first axis varies fastest
-        states.ravel()[voxels] = ELSEWHERE
-        self.nodes, self._states = labeled(states, connectivity)
+        self.nodes, self._states = labeled(solid, voxels, connectivity)
         self.n_outside = len(self._states) - 1
         self._open = _at_ends(self.nodes, solid.shape, ends)
         self.nodes[voxels] = np.arange(len(voxels)) + len(self._states)
@@ -62,7 +60,7 @@ class Zone:
             connectivity: 6 or 26, that of the phase.
         """
         parents = np.arange(self.n_nodes, dtype=np.int32)
-        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, self._steps(connectivity), parents)
+        _unite(inside, phase, self.voxels, self.nodes, self.n_outside, *self._steps(connectivity), parents)
         return parents
 
     def with_outside(self, parents: Nodes, inside: Counts, phase: int) -> Nodes:
@@ -77,11 +75,19 @@ class Zone:
 
     def join(self, parents: Nodes, inside: Counts, phase: int, voxels: Indices, connectivity: int) -> None:
         """Add some voxels (N,) of a phase to its forest."""
-        _unite(inside, phase, voxels, self.nodes, self.n_nodes, self._steps(connectivity), parents)
+        _unite(inside, phase, voxels, self.nodes, self.n_nodes, *self._steps(connectivity), parents)
 
-    def _steps(self, connectivity: int) -> Integers:
-        """Steps to the voxels around one that it is joined to."""
-        return self.around[np.abs(OFFSETS).sum(axis=1) == 1] if connectivity == 6 else np.delete(self.around, 13)
+    def _steps(self, connectivity: int) -> tuple[Integers, int]:
+        """Steps to the voxels around one that it is joined to.
+
+        Returns:
+            (N,), and the number of the first ones that lead to voxels to which the voxel before is joined, too.
+        """
+        if connectivity == 6:
+            return self.around[np.abs(OFFSETS).sum(axis=1) == 1], 0
+        is_shared = (OFFSETS[:, 2] < 1) & OFFSETS[:, :2].any(axis=1)
+        is_own = ~is_shared & OFFSETS.any(axis=1)
+        return np.concatenate((self.around[is_shared], self.around[is_own])), int(is_shared.sum())
 
     @property
     def is_open(self) -> bool:
@@ -125,14 +131,20 @@ def _unite(
     nodes: Nodes,
     n_outside: int,
     steps: Integers,
+    n_shared: int,
     parents: Nodes,
 ) -> None:
-    """Join voxels of a phase with those some steps away; of two nodes above `n_outside` the later one does it."""
+    """Join voxels of a phase with those some steps away; of two nodes above `n_outside` the later one does it.
+
+    The first steps are left out if the voxel before has just been joined to the same voxels.
+    """
+    last = -1
     for voxel in voxels:
         if inside[voxel] != phase:
             continue
         root = root_of(parents, nodes[voxel])
-        for k in range(len(steps)):
+        first, last = n_shared if last == voxel - 1 else 0, voxel
+        for k in range(first, len(steps)):
             other = voxel + steps[k]
             if inside[other] != phase or (steps[k] > 0 and nodes[other] > n_outside):
                 continue
@@ -146,9 +158,13 @@ def _unite(
 @compiled
 def _cluster(voxels: Indices, nodes: Nodes, n_outside: int, around: Integers, parents: Nodes) -> None:
     """Write the root of the part of a zone that each of its voxels is in."""
+    last = -1
     for voxel in voxels:
         root = root_of(parents, nodes[voxel])
+        is_next, last = last == voxel - 1, voxel
         for k in range(13):
+            if is_next and k % 3 != 2 and k != 12:
+                continue  # the voxel before is joined to it
             other = nodes[voxel + around[k]]
             if other > n_outside:
                 found = root_of(parents, other)
@@ -181,7 +197,7 @@ def joins(
         voxel = voxels[row]
         code = code_at(inside, voxel, around)
         if phase == 0:
-            code = ~code & 0x7FFFFFF
+            code = exchanged(code)
         left, own, is_loop = touching(code, connectivity), nodes[voxel], False
         roots = [0 for _ in range(0)]
         while left:

@@ -61,9 +61,9 @@ def reconstruct_again(before: Reconstruction, settings: CloudSettings) -> Recons
 def _with_all_points_in_doubt(before: Reconstruction, settings: CloudSettings) -> Reconstruction | None:
     """The same with all points of the cloud around the tetrahedra that cuts label differently.
 
-    None if there are no more points or no such tetrahedra, or if the cuts of the new samples differ. Signs from empty
-    spheres must give the same integer: where walls are too thin for any number of samples, cuts may agree on what the
-    next signs refute.
+    None if there are no more points or no such tetrahedra, or if the cuts of the new samples differ or no field has
+    their integer. Signs from empty spheres must give the same one: where walls are too thin for any number of samples,
+    cuts may agree on what the next signs refute.
     """
     cloud, most = before.cloud, 2 * settings.sampling.samples
     in_doubt = _in_doubt(before, settings)
@@ -73,14 +73,15 @@ def _with_all_points_in_doubt(before: Reconstruction, settings: CloudSettings) -
     local, complex_ = complex_of(cloud.points[kept], settings)
     outward = cloud.normals[kept]
     votes, cuts = cut_votes("cut", complex_, outward, settings)
-    if len(set(values_of(votes, "cut"))) > 1:
+    fields = [vote for vote in before.votes if vote.family == "field"]
+    refuted = fields and votes[0].eulers[0] not in values_of(fields, "field")
+    if len(set(values_of(votes, "cut"))) > 1 or refuted:
         return None
     if not before.has_given_signs:
         _, corrected = normals_by_poles(complex_, outward, cuts[0], settings.cuts.first, rounds=1)
         if surface_eulers(complex_, corrected) != votes[0].eulers:
             return None
     fewer = [replace(vote, family="coarse cut") for vote in before.votes if vote.family == "cut"]
-    fields = [vote for vote in before.votes if vote.family == "field"]
     samples = replace(cloud.samples, kept=kept, owner=owner)
     roughness = before.quality.roughness * cloud.local.spacing / local.spacing
     return replace(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import torch
 
 import topokit as tk
 from topokit.errors import InputError
-from topokit.testing import sphere_samples, torus_samples
+from topokit.testing import AnalyticSamples, sphere_samples, torus_samples
 
 
 def bitten_torus(n_points: int = 2500) -> tuple[torch.Tensor, torch.Tensor]:
@@ -79,3 +81,13 @@ def test_a_noisy_bowl_is_open_but_may_be_a_thin_wall() -> None:
     assert (report.euler, report.closed, report.verdict) == (1, False, "unsure")
     assert any("noise" in reason for reason in report.reasons[:3])
     assert tk.from_points(torch.from_numpy(bowl)).report().verdict == "likely"
+
+
+@pytest.mark.parametrize(("samples", "ratio", "euler"), [(sphere_samples, 10, 2), (torus_samples, 16, 0)])
+def test_dense_samples_end_at_sparse_ones_without_a_rim(
+    samples: Callable[[int], AnalyticSamples], ratio: int, euler: int
+) -> None:
+    points = samples(12_000).points
+    is_kept = np.random.default_rng(0).random(len(points)) < np.where(points[:, 0] > 0, 1, 1 / ratio)
+    report = tk.from_points(points[torch.from_numpy(is_kept)]).report()
+    assert (report.euler, report.closed) == (euler, True)

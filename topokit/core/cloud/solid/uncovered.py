@@ -55,16 +55,15 @@ def uncovered_patches(
     """
     tetrahedron, corner = separating_facets(complex_, inside)
     facets = facets_at(complex_.tetrahedra, tetrahedron, corner)
-    own = complex_.spacing[facets].max(1, initial=0.0)
-    spacing = _spacing_around(complex_.spacing, facets)[facets].max(1, initial=0.0)
+    own, around = complex_.spacing[facets], _spacing_around(complex_.spacing, facets)[facets]
     place, radius = _farthest_places(complex_.points[facets])
-    limit = settings.uncovered * spacing
+    limit = settings.uncovered * around.max(1, initial=0.0)
     wide = np.flatnonzero(radius > limit)  # no place of a facet is farther from all samples than from its corners
     distance = cKDTree(complex_.normalized(cloud)).query(place[wide])[0]
     cosine = np.einsum("fa,fka->fk", complex_.facet_normal[tetrahedron, corner], normals[facets]).mean(1)
     found = np.union1d(wide[distance > limit[wide]], np.flatnonzero(cosine < settings.facing))
     patch = _across_edges(facets[found])
-    expected = complex_.facet_area[tetrahedron, corner] * (own / spacing) ** 2
+    expected = complex_.facet_area[tetrahedron, corner] * (own**2).sum(1) / (around**2).sum(1)
     missing = np.bincount(patch, expected[found])
     return tuple(
         UncoveredPatch(float(missing[number]), np.unique(facets[rows]), rows)

@@ -28,7 +28,7 @@ import topokit as tk
 Booleans = NDArray[np.bool_]
 
 MOST_CELLS = 420  # along the longest side
-TABLE_CELLS = 250  # the same for the table
+TABLE_CELLS = 150  # the same for the table
 SHARES = (0.25, 0.5, 0.75, 1.0)  # of the width that are tried as diameters
 OFFSETS = (1e-3, 1.7e-3, 2.3e-3)  # of the grid, in cells: rays along symmetry planes of a part graze its edges
 

@@ -203,13 +203,13 @@ def _of_most_cuts(trials: Sequence[_Shift]) -> list[_Shift]:
 
 def _lengths(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> Iterator[Floats]:
     """Shifts outward (M,) in spacings: of all samples alike, and of each to the side that has more room."""
-    own, near = settings.shifts, settings.quality.near
+    own = settings.shifts
     behind, ahead = clearances(normals, local, settings)
     toward_room = np.clip(ahead - behind, -1, 1)
     around = local.index[:, : settings.patches.graph + 1]
     for _ in range(2):
         toward_room = toward_room[around].mean(1)
-    outward = 1.0 if (behind < near).sum() >= (ahead < near).sum() else -1.0
+    outward = 1.0 if (behind < own.near).sum() >= (ahead < own.near).sum() else -1.0
     for length in own.lengths:
         yield np.full(len(normals), outward * length)
         yield length * toward_room

@@ -265,12 +265,6 @@ class FieldSettings:
 class QualitySettings:
     """Sheets that are close together, and the size of features that can be seen."""
 
-    near: float = _number(
-        1.5,
-        "spacings",
-        "at which an opposite sheet is so near that samples are shifted away from it",
-        REAL,
-    )
     uncovered: float = _number(
         1.3,
         "spacings",
@@ -305,6 +299,12 @@ class ShiftSettings:
 
     lengths: tuple[float, ...] = _number(
         (0.3, 0.6), "spacings", "by which samples are shifted; a wall without thickness needs one to be resolved", REAL
+    )
+    near: float = _number(
+        1.5,
+        "spacings",
+        "at which an opposite sheet is so near that samples are shifted away from it",
+        REAL,
     )
     free: float = _number(3.0, "spacings", "beyond which another sheet does not matter", REAL)
     sideways: float = _number(0.7, "spacings", "by which the opposite sample of a sheet may lie aside", GEOMETRY)

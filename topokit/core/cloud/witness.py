@@ -56,8 +56,8 @@ def global_witness(
     Where the noise is larger than about half the spacing, fewer, evenly spread points are moved onto the planes of
     their neighborhoods and stand for all. Normals and their signs are found at full density (of more than two million
     points, at two million). Of more than 30 000 points, 20 000 samples are then taken where features are small. Minimum
-    cuts of Delaunay tetrahedra of the samples and winding-number fields vote; where votes differ, more, shifted or
-    smoothed samples are examined. Runs on the CPU, is deterministic, and is not differentiable.
+    cuts of Delaunay tetrahedra of the samples and winding-number fields vote; where votes differ, all points
+    there, shifted or smoothed samples are examined. Runs on the CPU, is deterministic, and is not differentiable.
 
     Args:
         points: (N, 3) samples of a surface, any float dtype and device.

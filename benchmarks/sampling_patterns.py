@@ -9,10 +9,10 @@ import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import open3d
 import trimesh
 from confidence import farthest
 from numpy.typing import NDArray
+from scale_truth import raycaster
 from scipy.spatial.transform import Rotation
 from skimage.measure import marching_cubes
 from trimesh.creation import annulus, box, cylinder, torus
@@ -81,12 +81,6 @@ def noisy(points: Floats, share: float, draw: Draw) -> Floats:
     return points + draw.normal(size=points.shape) * share * _length(points)
 
 
-def _raycaster(mesh: trimesh.Trimesh) -> open3d.t.geometry.RaycastingScene:
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(np.float32(mesh.vertices), np.uint32(mesh.faces))
-    return scene
-
-
 def random_points(count: int, noise: float) -> Callable[[trimesh.Trimesh, Draw], Floats]:
     return lambda mesh, draw: noisy(samples_of(mesh, count, draw), noise, draw)
 
@@ -103,7 +97,7 @@ def lidar(noise: float) -> Callable[[trimesh.Trimesh, Draw], Floats]:
     """Fourteen stations around a solid, rays along lines of equal elevation, with noise along each ray."""
 
     def scan(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
-        scene, length = _raycaster(mesh), _length(mesh.vertices)
+        scene, length = raycaster(mesh), _length(mesh.vertices)
         corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T / np.sqrt(3)
         stations = np.concatenate((corners, np.eye(3), -np.eye(3))) @ Rotation.random(rng=draw).as_matrix()
         angles = np.deg2rad(np.arange(-14, 14, 0.35))
@@ -177,7 +171,7 @@ def with_outliers(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
 def filled_in_part(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
     """One point in ten in the interior."""
     anywhere = draw.uniform(*mesh.bounds, (10 * N_POINTS, 3))
-    is_inside = _raycaster(mesh).compute_occupancy(np.float32(anywhere)).numpy() > 0
+    is_inside = raycaster(mesh).compute_occupancy(np.float32(anywhere)).numpy() > 0
     return np.concatenate((samples_of(mesh, N_POINTS, draw), anywhere[is_inside][: N_POINTS // 10]))
 
 
@@ -211,7 +205,7 @@ def grid_vertices(mesh: trimesh.Trimesh, draw: Draw) -> Floats:
     low = mesh.bounds[0] - (3 + draw.random(3)) * cell
     shape = np.ceil((mesh.bounds[1] + 3 * cell - low) / cell).astype(int)
     grid = low + cell * np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), -1)
-    distance = _raycaster(mesh).compute_signed_distance(np.float32(grid)).numpy()
+    distance = raycaster(mesh).compute_signed_distance(np.float32(grid)).numpy()
     return np.asarray(marching_cubes(distance, 0.0)[0] * cell + low)
 
 

@@ -56,10 +56,16 @@ def right_at_scale(mesh: trimesh.Trimesh, euler: int, width: float) -> bool:
     return any(euler in eulers_without(solid, radius) for radius in radii if radius >= 0.9)
 
 
-def filled(mesh: trimesh.Trimesh, cell: float, margin: float) -> Booleans:
-    """The cells of a grid whose centers are inside a mesh."""
+def raycaster(mesh: trimesh.Trimesh) -> open3d.t.geometry.RaycastingScene:
+    """What answers questions about rays, distances and the inside of a mesh."""
     scene = open3d.t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
+    return scene
+
+
+def filled(mesh: trimesh.Trimesh, cell: float, margin: float) -> Booleans:
+    """The cells of a grid whose centers are inside a mesh."""
+    scene = raycaster(mesh)
     low = mesh.vertices.min(0) - margin
     counts = np.ceil((np.ptp(mesh.vertices, axis=0) + 2 * margin) / cell).astype(int)
     x, y, z = (low[i] + cell * (np.arange(counts[i]) + 0.5 + OFFSETS[i]) for i in range(3))

@@ -66,8 +66,7 @@ def _with_all_points_in_doubt(before: Reconstruction, settings: CloudSettings) -
     cuts may agree on what the next signs refute.
     """
     cloud, most = before.cloud, 2 * settings.sampling.samples
-    in_doubt = _in_doubt(before, settings)
-    if cloud.samples.is_all or not in_doubt.any():
+    if cloud.samples.is_all or not (in_doubt := _in_doubt(before, settings)).any():
         return None
     kept, owner = cloud.samples.with_all_of(in_doubt, cloud.points, most)
     local, complex_ = complex_of(cloud.points[kept], settings)

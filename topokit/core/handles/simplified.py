@@ -12,6 +12,7 @@ first that did, each loop is also checked by itself before, so that the next one
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +132,10 @@ def _rings(
     order = np.argsort(faces.ravel(), kind="stable")
     begins = np.searchsorted(faces.ravel()[order], np.arange(len(vertices) + 1))
     taken = np.zeros(len(vertices), dtype=bool)
-    tree, longest = cKDTree(vertices[faces].mean(axis=1)), _longest_edges(vertices, faces)
+    is_crossed = None
+    if each:
+        tree, longest = cKDTree(vertices[faces].mean(axis=1)), _longest_edges(vertices, faces)
+        is_crossed = partial(_is_crossed, vertices, faces, tree=tree, longest=longest)
     found, narrowest = [], np.inf
     for _, loop in loops:
         if taken[loop].any() or _name(loop) in refused:
@@ -139,7 +143,7 @@ def _rings(
         ring = _ring(vertices, normals, loop)
         narrowest = min(narrowest, ring.width if ring.width >= below else np.inf)
         if ring.width < below and ring.how in ways:
-            if each and _is_crossed(vertices, faces, ring, tree, longest):
+            if is_crossed is not None and is_crossed(ring):
                 refused.add(_name(loop))
                 continue
             found.append(ring)

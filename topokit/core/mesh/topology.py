@@ -10,8 +10,8 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import CountedComponents, genus_of
 from topokit.core.labels import compact_labels, connected_labels, inverse_order
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
+from topokit.core.mesh.flipped_faces import flipped_faces, turned_over
 from topokit.core.mesh.nesting import nesting
-from topokit.core.mesh.winding import flipped_faces, turned_over
 
 
 @dataclass(frozen=True, eq=False)

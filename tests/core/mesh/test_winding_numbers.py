@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 
-from topokit.core.mesh.nesting import winding_numbers
+from topokit.core.mesh.winding_numbers import winding_numbers
 from topokit.testing import genus_mesh, icosphere, torus_mesh
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ FLOORS = [
     {"cli"},
 ]
 CORE_FLOORS = [
-    {"arrays", "samples", "neighbors", "linalg", "components", "labels", "draws"}
+    {"arrays", "samples", "neighbors", "linalg", "components", "genus", "labels", "draws"}
     | {"processors", "progress", "surface", "loops", "precision", "residence", "removal"}
     | {"persistence", "separation"},
     {"local", "grid"},

@@ -4,31 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar, overload
+from typing import overload
 
 import numpy as np
 
 from topokit.core.arrays import Floats, Integers
 
 Corner = tuple[float, float, float]
-Count = TypeVar("Count", int, Integers)
 
 
 def corner(place: Floats) -> Corner:
     """A place (3,) as plain numbers."""
     x, y, z = place.tolist()
     return x, y, z
-
-
-def genus_of(euler: Count, boundary_loops: Count | int = 0, components: int = 1) -> Count:
-    """Handles of an orientable surface, g = (2c − b − χ)/2; of arrays element by element."""
-    return (2 * components - boundary_loops - euler) // 2
-
-
-def fitting_genus(euler: int, boundary_loops: int, components: int) -> int | None:
-    """Handles of an orientable surface, or None if no such surface has these numbers: g would be negative or a half."""
-    doubled = 2 * components - boundary_loops - euler
-    return doubled // 2 if components > 0 and doubled >= 0 and doubled % 2 == 0 else None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import torch
 
 from topokit.core.cloud.votes import CUT_FAMILIES, Family, values_of
 from topokit.core.cloud.witness import Witness
-from topokit.core.components import SurfaceComponent, genus_of
+from topokit.core.components import SurfaceComponent
+from topokit.core.genus import genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components

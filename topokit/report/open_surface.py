@@ -10,7 +10,7 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.settings import QualitySettings
 from topokit.core.cloud.solid.surface import CutSurface
 from topokit.core.cloud.witness import Witness
-from topokit.core.components import fitting_genus, genus_of
+from topokit.core.genus import fitting_genus, genus_of
 from topokit.core.labels import connected_labels
 from topokit.core.mesh.boundary_loops import mesh_boundary
 from topokit.core.mesh.connectivity import mesh_connectivity

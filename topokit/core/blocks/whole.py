@@ -24,7 +24,8 @@ from topokit.core.arrays import Booleans, Integers
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.planes import hang_leaves
-from topokit.core.components import CountedComponents, genus_of
+from topokit.core.components import CountedComponents
+from topokit.core.genus import genus_of
 from topokit.core.grid.grid import Grid
 from topokit.core.labels import inverse_order
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
-from topokit.core.components import CountedComponents, genus_of
+from topokit.core.components import CountedComponents
+from topokit.core.genus import genus_of
 from topokit.core.labels import compact_labels, connected_labels, inverse_order
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity, next_corner
 from topokit.core.mesh.flipped_faces import flipped_faces, turned_over

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 import topokit as tk
-from topokit.adapters.splats.geometry import rotation_matrices
+from topokit.adapters.splats.normals import rotation_matrices
 
 Floats = NDArray[np.float64]
 

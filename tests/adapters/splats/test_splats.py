@@ -11,8 +11,8 @@ from splat_writers import Scene, torus_scene, write_ply, write_sog_folder, write
 from torch import Tensor
 
 import topokit as tk
-from topokit.adapters.splats.discs import sample_discs
-from topokit.adapters.splats.geometry import rotation_matrices
+from topokit.adapters.splats.disc_samples import sample_discs
+from topokit.adapters.splats.normals import rotation_matrices
 from topokit.errors import InputError
 from topokit.testing import icosphere
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from topokit.adapters.splats.geometry import rotation_matrices, thickness
+from topokit.adapters.splats.disc_sizes import thickness
+from topokit.adapters.splats.normals import rotation_matrices
 from topokit.core.components import Corner
 from topokit.core.grid.grid import Spacing
 from topokit.core.opacity.scene import depth_around

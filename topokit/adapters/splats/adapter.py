@@ -14,7 +14,7 @@ from torch import Tensor
 from topokit.adapters.splats.absorption import gaussians_of
 from topokit.adapters.splats.cleaning import Kept, Limits, check_share, clean, discs_of
 from topokit.adapters.splats.clusters import Component
-from topokit.adapters.splats.discs import sample_discs
+from topokit.adapters.splats.disc_samples import sample_discs
 from topokit.adapters.splats.gaussians import GaussianSplats
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.neighborhood_size import given_or_default

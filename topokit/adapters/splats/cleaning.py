@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from topokit.adapters.splats.clusters import Component, choose_clusters, small_clusters
+from topokit.adapters.splats.disc_sizes import disc_areas, disc_weights, thickness
 from topokit.adapters.splats.formats.rows import copy_rows
-from topokit.adapters.splats.geometry import disc_areas, disc_weights, rotation_matrices, thickness
-from topokit.adapters.splats.surroundings import Plane, surrounding_planes
+from topokit.adapters.splats.normals import normals_of
+from topokit.adapters.splats.surrounding_planes import Plane, surrounding_planes
 from topokit.errors import InputError, Option
 
 if TYPE_CHECKING:
@@ -110,9 +111,7 @@ class Kept:
         finite = scene.means.detach().isfinite().all(1) & scene.scales.detach().isfinite().all(1)
         finite &= scene.quaternions.detach().isfinite().all(1)
         drawn = scene[finite]
-        thinnest = drawn.scales.argmin(1)[:, None, None].expand(-1, 3, 1)
-        rotations = rotation_matrices(torch.nn.functional.normalize(drawn.quaternions, dim=1))
-        axes = rotations.gather(2, thinnest)[..., 0].detach()
+        axes = normals_of(drawn.scales, torch.nn.functional.normalize(drawn.quaternions, dim=1)).detach()
         notes = (*self.notes, f"{len(self)} of {len(scene)} splats were kept.")
         positions, normals = (part.cpu().double().numpy() for part in (drawn.means.detach(), axes))
         save_kept_page(path, "splats", positions, normals, is_kept[finite.cpu()].numpy(), notes)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.adapters.splats.disc_sizes import disc_weights
+from topokit.adapters.splats.normals import rotation_matrices
 from topokit.core.labels import connected_labels
 from topokit.errors import InputError
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from topokit.adapters.splats.disc_sizes import disc_weights
 from topokit.adapters.splats.gaussians import GaussianSplats
-from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.adapters.splats.normals import axes_by_scale, right_handed
 from topokit.core.draws import stratified_draw
 
 REACH = 1.0  # standard deviations: discs of this radius overlap in a trained scene without leaving the surface
@@ -59,13 +60,6 @@ def sample_discs(
     radius, angle = torch.rand(2, len(splat), generator=generator, dtype=torch.float64)
     radius, angle = reach * radius.sqrt(), 2 * math.pi * angle  # without the square root the points crowd the center
     position = torch.stack((radius * angle.cos(), radius * angle.sin()), dim=-1).to(splats.means)  # (M, 2)
-    scales, order = splats.scales.sort(dim=-1, descending=True)  # (N, 3)
-    axes = rotation_matrices(splats.quaternions).mT.take_along_dim(order[..., None], dim=-2)  # rows: largest first
+    scales, axes = axes_by_scale(splats.scales, splats.quaternions)
     offsets = (position * scales[splat, :2]).unsqueeze(-2) @ axes[splat, :2]  # (M, 1, 3)
-    return DiscSamples(splats.means[splat] + offsets.squeeze(-2), _right_handed(axes)[splat], splat)
-
-
-def _right_handed(axes: Tensor) -> Tensor:
-    """Rows (N, 3, 3) with the last one turned over where they are left-handed."""
-    handedness = torch.linalg.det(axes.detach()).sign()
-    return torch.cat((axes[:, :2], axes[:, 2:] * handedness[:, None, None]), dim=1)
+    return DiscSamples(splats.means[splat] + offsets.squeeze(-2), right_handed(axes)[splat], splat)

@@ -1,34 +1,15 @@
-"""Gaussians as discs: rotation matrices, thickness, area and sampling weight."""
+"""Gaussians as discs: thickness, area and sampling weight."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import torch
 from torch import Tensor
 
 from topokit.errors import InputError
 
 if TYPE_CHECKING:
     from topokit.adapters.splats.gaussians import GaussianSplats
-
-
-def rotation_matrices(quaternions: Tensor) -> Tensor:
-    """Rotation matrices of unit quaternions wxyz: (..., 4) → (..., 3, 3); column i is the axis of scale i."""
-    w, x, y, z = quaternions.unbind(-1)
-    entries = (
-        1 - 2 * (y * y + z * z),
-        2 * (x * y - w * z),
-        2 * (x * z + w * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-    )
-    matrices: Tensor = torch.stack(entries, dim=-1).reshape(*quaternions.shape[:-1], 3, 3)
-    return matrices
 
 
 def thickness(splats: GaussianSplats) -> Tensor:

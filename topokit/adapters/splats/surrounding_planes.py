@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from topokit.adapters.splats.geometry import disc_weights, rotation_matrices
+from topokit.adapters.splats.disc_sizes import disc_weights
+from topokit.adapters.splats.normals import normals_of
 from topokit.core.arrays import Booleans, Floats
 
 if TYPE_CHECKING:
@@ -64,8 +65,7 @@ def surrounding_planes(splats: GaussianSplats) -> tuple[Plane, ...]:
     """
     means = splats.means.detach().double().cpu().numpy()
     scales = splats.scales.detach().double().cpu()
-    turn = rotation_matrices(splats.quaternions.detach().double().cpu())
-    normals = turn.take_along_dim(scales.argmin(-1)[:, None, None], dim=2).squeeze(2).numpy()
+    normals = normals_of(scales, splats.quaternions.detach().double().cpu()).numpy()
     weights = disc_weights(splats).cpu().numpy()
     thickness = _THICK * float(scales.amax(-1).median())
     rows = np.flatnonzero(weights)

@@ -121,7 +121,7 @@ def measure_with(path: Path, n_workers: int) -> None:
     if n_workers == 0:
         found = measure(path)
     else:
-        from topokit.batch.cluster import connected
+        from topokit.batch.files_on_dask import connected
 
         with connected("local", n_workers) as client:
             found = measure(path, client)

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 import topokit as tk
-from topokit.batch.cluster import connected
+from topokit.batch.files_on_dask import connected
 
 EXTENT = 0.8
 

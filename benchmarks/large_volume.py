@@ -27,7 +27,7 @@ from topokit.adapters.voxels.box import Ends
 from topokit.adapters.voxels.counting import BlockCount, Solid
 from topokit.adapters.voxels.stored import IndexedVolume
 from topokit.core.blocks.division import Box, Division
-from topokit.core.blocks.reduction import reduced
+from topokit.core.blocks.on_dask import reduced
 
 PERIOD = 128
 TUNNEL, CAVITY, BALL = 20, 14, 7  # radii in voxels

@@ -19,7 +19,7 @@ from pathlib import Path
 from bench_survey import write_files
 
 import topokit as tk
-from topokit.batch.cluster import connected
+from topokit.batch.files_on_dask import connected
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ def generator() -> torch.Generator:
 def dask_client() -> Iterator[Any]:
     """A client of two worker processes."""
     pytest.importorskip("distributed")
-    from topokit.batch.cluster import connected
+    from topokit.batch.files_on_dask import connected
 
     with connected("local", 2) as client:
         yield client

@@ -82,7 +82,7 @@ def _on_cluster(
 
     With limits every file is examined by one worker, in a process of its own.
     """
-    from topokit.batch.cluster import map_on_cluster
+    from topokit.batch.files_on_dask import map_on_cluster
 
     found = [_from_anywhere(source) for source in sources]
     large = [number for number, source in enumerate(found) if not limits and _is_large(source, questions)]

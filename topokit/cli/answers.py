@@ -235,7 +235,7 @@ def _cluster(request: Request) -> Iterator[Any]:
     if request.cluster is None:
         yield None
         return
-    from topokit.batch.cluster import connected
+    from topokit.batch.files_on_dask import connected
 
     with ExitStack() as stack:
         try:

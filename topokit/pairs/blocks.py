@@ -14,7 +14,7 @@ from topokit.adapters.voxels.masks import check_mask
 from topokit.adapters.voxels.stored import Entry
 from topokit.comparison.blocks import BlockComparison
 from topokit.core.blocks.division import MOST_VOXELS, Box
-from topokit.core.blocks.reduction import reduced
+from topokit.core.blocks.on_dask import reduced
 from topokit.core.comparison.in_blocks import PairPart, count_pair, counted_pair, join_pairs
 from topokit.core.grid.euler import DEFAULT_CONNECTIVITY, check_connectivity
 from topokit.errors import InputError

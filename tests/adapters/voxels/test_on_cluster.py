@@ -15,7 +15,7 @@ import topokit as tk
 from topokit.adapters.voxels.large import blocks_of
 from topokit.adapters.voxels.stored import Entry, StoredVolume
 from topokit.core.blocks.division import Box
-from topokit.core.blocks.reduction import active_client
+from topokit.core.blocks.on_dask import active_client
 
 dask_array = pytest.importorskip("dask.array")
 

@@ -13,7 +13,7 @@ import torch
 
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
-from topokit.core.blocks.reduction import RETRIES
+from topokit.core.blocks.on_dask import joined_on_cluster
 from topokit.core.cloud.sampling.cells import Cells, joined
 from topokit.core.cloud.sampling.reduced import ReducedCloud, reduced
 from topokit.core.cloud.settings import SamplingSettings
@@ -156,14 +156,8 @@ class BlockReader:
         blocks = self.cloud.blocks(self.most_points)
         if client is None:
             return self.read(blocks)
-        from dask import delayed
-
-        work, joining = delayed(self.read, pure=False), delayed(self.join, pure=False)
-        parts: list[Any] = [work(blocks[at : at + _PER_TASK]) for at in range(0, len(blocks), _PER_TASK)]
-        while len(parts) > 1:
-            parts = [joining(parts[at : at + 2]) for at in range(0, len(parts), 2)]
-        found: Found = client.compute(parts[0], retries=RETRIES).result()
-        return found
+        tasks = [blocks[at : at + _PER_TASK] for at in range(0, len(blocks), _PER_TASK)]
+        return joined_on_cluster(self.read, tasks, self.join, client)
 
     def read(self, blocks: Sequence[Block]) -> Found:
         """What some blocks hold."""

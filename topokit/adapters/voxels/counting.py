@@ -17,9 +17,9 @@ from topokit.adapters.voxels.field import SLAB, Labels, listed
 from topokit.adapters.voxels.stored import StoredVolume
 from topokit.core.blocks.cube_parts import CubePart, count_cube_part, join_cube_parts
 from topokit.core.blocks.division import Box, Division, Triple
+from topokit.core.blocks.on_dask import reduced
 from topokit.core.blocks.part import Part, count_box, join_parts
 from topokit.core.blocks.periodic import periodic_solid
-from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.placement import Placement

@@ -13,7 +13,7 @@ from topokit.adapters.voxels.levels import curve_in_blocks
 from topokit.adapters.voxels.stored import DaskVolume, Entry, LongerVolume, PartOfVolume, StoredVolume
 from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
-from topokit.core.blocks.reduction import active_client, reduced
+from topokit.core.blocks.on_dask import active_client, reduced
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.labels import Box as LabelBox
 from topokit.core.grid.labels import joined_boxes, tight_boxes, widened

@@ -15,7 +15,7 @@ from topokit.core.blocks.curve import EulerCurve
 from topokit.core.blocks.curve_parts import CurvePart, count_curve_part, join_curve_parts
 from topokit.core.blocks.division import Box, Division, Triple
 from topokit.core.blocks.gray_levels import GrayLevels
-from topokit.core.blocks.reduction import reduced
+from topokit.core.blocks.on_dask import reduced
 from topokit.errors import InputError
 
 

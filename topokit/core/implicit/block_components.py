@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from topokit.core.blocks.division import Box, Division
+from topokit.core.blocks.on_dask import reduced
 from topokit.core.blocks.part import Part, count_box, join_parts
-from topokit.core.blocks.reduction import reduced
 from topokit.core.blocks.whole import counted_volume
 from topokit.core.components import CountedComponents
 from topokit.core.implicit.adaptive_grid import refine_in_box

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from topokit.core.blocks.division import Division
-from topokit.core.blocks.reduction import mapped
+from topokit.core.blocks.on_dask import mapped
 from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import (
     NONE,

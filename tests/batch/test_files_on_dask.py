@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import topokit as tk
-from topokit.batch.cluster import connected, map_on_cluster
+from topokit.batch.files_on_dask import connected, map_on_cluster
 from topokit.errors import InputError
 
 pytest.importorskip("distributed")

@@ -1,4 +1,4 @@
-"""Work on all blocks of a volume, here or on the workers of a Dask cluster; results are joined, or each is given."""
+"""Work on all blocks of a volume or cloud, here or on the workers of a Dask cluster, and on those that fail again."""
 
 from __future__ import annotations
 
@@ -60,6 +60,27 @@ def mapped(work: Callable[[Task], Result], tasks: Sequence[Task], client: Any) -
     held, call = delayed(work, traverse=False), delayed(_called, pure=False)
     for future in client.compute([call(held, task) for task in tasks], retries=RETRIES):
         yield future.result()
+
+
+def joined_on_cluster(
+    work: Callable[[Task], Result], tasks: Sequence[Task], join: Callable[[Sequence[Result]], Result], client: Any
+) -> Result:
+    """The results of all tasks as one.
+
+    Args:
+        work: picklable; it may be large, as it is sent once to each worker.
+        tasks: what to call it with, at least one.
+        join: joins results, at most two at a time, in the order of their tasks.
+        client: of a Dask cluster.
+    """
+    from dask import delayed
+
+    held, call, joining = delayed(work, traverse=False), delayed(_called, pure=False), delayed(join, pure=False)
+    parts: list[Any] = [call(held, task) for task in tasks]
+    while len(parts) > 1:
+        parts = [joining(parts[at : at + 2]) for at in range(0, len(parts), 2)]
+    whole: Result = client.compute(parts[0], retries=RETRIES).result()
+    return whole
 
 
 def active_client() -> Any:

@@ -1,4 +1,4 @@
-"""A function applied by the workers of a Dask cluster; a worker that dies costs a retry, not a result."""
+"""Whole files examined by the workers of a Dask cluster; a worker that dies costs a retry, not a result."""
 
 from __future__ import annotations
 

@@ -9,11 +9,9 @@ import numpy as np
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.mesh.connectivity import MeshConnectivity, mesh_connectivity
 from topokit.core.mesh.topology import MeshTopology, mesh_topology
-from topokit.core.mesh.welding import equal_vertices, may_have_near, near_vertices
+from topokit.core.mesh.welding import NEARLY_EQUAL, equal_vertices, may_have_near, near_vertices, rounding_radius
 from topokit.errors import FOR_POINTS, InputError
 from topokit.report.wording import plural
-
-_NEARLY_EQUAL = 1e-8  # share of the bounding box's diagonal within which vertices may be one rounded twice
 
 
 @dataclass(frozen=True)
@@ -157,7 +155,7 @@ def _nearly_closed(vertices: Floats, faces: Integers, first: Integers, mesh: Mes
     is_used[first[faces]] = True
     used = np.flatnonzero(is_used)
     points = vertices[used]
-    radius = _radius(points)
+    radius = rounding_radius(points)
     candidates = may_have_near(points, radius)
     may_move = np.zeros(len(vertices), dtype=bool)
     may_move[used[candidates]] = True
@@ -170,7 +168,7 @@ def _nearly_closed(vertices: Floats, faces: Integers, first: Integers, mesh: Mes
     if merged is None or not merged.is_closed:
         return None
     note = (
-        f"{plural(_n_moved(first), 'vertex', 'vertices')} merged with one within {_NEARLY_EQUAL:g} of the diagonal, "
+        f"{plural(_n_moved(first), 'vertex', 'vertices')} merged with one within {NEARLY_EQUAL:g} of the diagonal, "
         "which closes the mesh."
     )
     return _Reading(merged, (note,), exact_vertices=False)
@@ -181,10 +179,6 @@ def _boundary_coincides(vertices: Floats, mesh: MeshConnectivity) -> bool:
     used = np.unique(mesh.faces)
     points = vertices[used]
     on_boundary = np.isin(used, mesh.ends(mesh.uses == 1))
-    radius = _radius(points)
+    radius = rounding_radius(points)
     first = near_vertices(points, radius, may_have_near(points, radius))
     return bool((np.bincount(first)[first[on_boundary]] > 1).any())
-
-
-def _radius(points: Floats) -> float:
-    return _NEARLY_EQUAL * float(np.linalg.norm(np.ptp(points, axis=0)))

@@ -9,6 +9,7 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.labels import connected_labels
 from topokit.core.mesh.boxes import row_hashes
 
+NEARLY_EQUAL = 1e-8  # share of the bounding box's diagonal within which vertices may be one rounded twice
 _DIRECTION = np.array([0.5698, 0.6711, 0.4743])  # of no symmetry: distinct points rarely coincide along it
 
 
@@ -32,6 +33,11 @@ def equal_vertices(points: Floats) -> Integers:
     first = np.empty(len(points), dtype=np.int64)
     first[order] = np.repeat(order[starts], np.diff(starts, append=len(points)))
     return first
+
+
+def rounding_radius(points: Floats) -> float:
+    """The distance within which vertices (N, 3) may be one rounded twice."""
+    return NEARLY_EQUAL * float(np.linalg.norm(np.ptp(points, axis=0)))
 
 
 def may_have_near(points: Floats, radius: float) -> Booleans:

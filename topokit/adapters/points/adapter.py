@@ -9,10 +9,11 @@ from typing import Any
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.points.cleaning import one_per_place, require_places, valid_rows
 from topokit.adapters.points.files import read_points
+from topokit.adapters.points.invalid_rows import valid_rows
 from topokit.adapters.points.large import reduced_samples, stored_cloud
 from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
+from topokit.adapters.points.repeated_points import one_per_place, require_places
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples

@@ -12,12 +12,13 @@ import numpy as np
 import torch
 
 from topokit.adapters.points.entry import FORMATS
+from topokit.adapters.points.invalid_rows import dropped_points, invalid_normals, valid_in_block
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
 from topokit.core.blocks.on_dask import joined_on_cluster
 from topokit.core.cloud.sampling.cells import Cells, joined
 from topokit.core.cloud.sampling.reduced import ReducedCloud, reduced
 from topokit.core.cloud.settings import SamplingSettings
-from topokit.core.samples import SurfaceSamples, largest_coordinate
+from topokit.core.samples import SurfaceSamples
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import existing_file
 from topokit.inputs.formats import stored_in
@@ -32,9 +33,7 @@ MOST_CELLS = SamplingSettings().most_points
 MOST_AT_ONCE = 1 << 22
 """Points of a block: some hundred megabytes while it is reduced."""
 
-FEW = 0.01
-"""Share of invalid normals up to which their points are dropped; above it all normals are ignored."""
-
+_LOST = "NaN, infinite or so far off that their squares are"
 _WORTH_SAYING = 1e-3  # share of points without others around them; corners of cells hold as many of any surface
 _PER_TASK = 4  # blocks that a worker reduces before it hands on what it found
 
@@ -108,17 +107,11 @@ def reduced_samples(
     found = reader.all(client)
     if found.n_points == 0:
         raise ReadError(f"{cloud.path} holds no points.")
-    lost = f"{found.n_lost} of {found.n_points} points are NaN, infinite or so far off that their squares are"
-    if 2 * found.n_lost > found.n_points:
-        raise InputError(f"{lost}. More than half of the cloud is invalid: keep the finite rows yourself to use them.")
-    notes = [f"{lost} and were dropped."] if found.n_lost else []
+    notes = [dropped_points(found.n_lost, found.n_points, _LOST)] if found.n_lost else []
     if found.n_unclear:
-        unclear = f"{found.n_unclear} of {found.n_points} normals are zero or not finite"
-        if found.n_unclear > FEW * found.n_points:
-            notes.append(f"{unclear}; all normals were ignored.")
-            found = replace(reader, with_normals=False).all(client)
-        else:
-            notes.append(f"{unclear}; their points were dropped.")
+        note, are_ignored = invalid_normals(found.n_unclear, found.n_points)
+        notes.append(note)
+        found = replace(reader, with_normals=False).all(client) if are_ignored else found
     left = reduced(found.cells)
     normals = None if left.normals is None else torch.from_numpy(left.normals)
     return SurfaceSamples(torch.from_numpy(left.points), normals), (*notes, *_sentences(left, found.n_points))
@@ -180,12 +173,7 @@ class BlockReader:
 
 def _summary(rows: Cloud) -> Found:
     points, normals = rows
-    is_valid = np.ones(len(points), dtype=bool)
-    for column in points.T:
-        is_valid &= np.abs(column) <= largest_coordinate(torch.float64)  # false for NaN
-    is_clear = is_valid
-    if normals is not None:
-        is_clear = is_valid & np.isfinite(normals).all(1) & (normals != 0).any(1)
+    is_valid, is_clear = valid_in_block(points, normals)
     if not is_clear.all():
         points, normals = points[is_clear], None if normals is None else normals[is_clear]
     n_valid = int(is_valid.sum())

@@ -22,8 +22,8 @@ from topokit.adapters.points import adapter, large
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
 from topokit.adapters.points.text import layout_of, read_rows, read_table
-from topokit.core.cloud.sampling.cells import Cells, joined
-from topokit.core.cloud.sampling.reduced import reduced
+from topokit.core.cloud.sampling.larger_than_memory import reduced
+from topokit.core.cloud.sampling.one_point_per_cell import Cells, joined
 from topokit.errors import InputError, ReadError
 from topokit.inputs.formats import stored_in
 from topokit.inputs.ply import write_ply

@@ -27,7 +27,7 @@ from topokit.core.cloud.normals.patches import Patches, patches_of, turned_towar
 from topokit.core.cloud.reconstruction import Cloud, Reconstruction, reconstruct
 from topokit.core.cloud.retries import reconstruct_again
 from topokit.core.cloud.sampling.copies import distinct
-from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.cube_hierarchy import curve_order
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
 from topokit.core.cloud.scan_groups import separate_samples
 from topokit.core.cloud.settings import CloudSettings

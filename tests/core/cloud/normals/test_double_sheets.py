@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import patches_of, unit
-from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.cube_hierarchy import curve_order
 from topokit.core.cloud.settings import CloudSettings
 
 Floats = NDArray[np.float64]

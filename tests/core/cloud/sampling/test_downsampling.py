@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.cube_hierarchy import curve_order
 from topokit.core.cloud.sampling.downsampling import Criterion, downsample, thin_along_curve
 from topokit.testing import sphere_samples, torus_samples
 

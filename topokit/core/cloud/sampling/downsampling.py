@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.sampling.cubes import CubeHierarchy, curve_order
+from topokit.core.cloud.sampling.cube_hierarchy import CubeHierarchy, curve_order
 from topokit.core.labels import count_distinct
 
 Criterion = Literal["feature-size", "curvature", "even"]

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial import Delaunay
 
 from topokit.core.arrays import Floats, Integers
-from topokit.core.cloud.sampling.cells import in_order
+from topokit.core.cloud.sampling.one_point_per_cell import in_order
 from topokit.core.cloud.solid.columns import circumcenters, cross_columns, dot_columns, edges_of, facing_crosses
 from topokit.core.cloud.solid.tetrahedra import facets_at
 from topokit.core.labels import connected_labels, count_distinct

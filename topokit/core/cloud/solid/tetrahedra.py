@@ -25,7 +25,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.guards import is_flat
-from topokit.core.cloud.sampling.cubes import curve_order
+from topokit.core.cloud.sampling.cube_hierarchy import curve_order
 from topokit.core.cloud.settings import CutWeights
 from topokit.core.cloud.solid.columns import circumcenters, dot_columns, edges_of, facing_crosses
 from topokit.errors import InputError

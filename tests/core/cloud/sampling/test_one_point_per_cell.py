@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from topokit.core.cloud.sampling.cells import FINEST, Cells, cell_keys, joined
-from topokit.core.cloud.sampling.reduced import reduced
+from topokit.core.cloud.sampling.larger_than_memory import reduced
+from topokit.core.cloud.sampling.one_point_per_cell import FINEST, Cells, cell_keys, joined
 
 Floats = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.normals.creases import Faces
 from topokit.core.cloud.normals.patches import Neighborhoods, refitted, turned_towards
 from topokit.core.cloud.normals.propagation import Propagation
-from topokit.core.cloud.sampling.cubes import CubeHierarchy
+from topokit.core.cloud.sampling.cube_hierarchy import CubeHierarchy
 from topokit.core.cloud.sampling.downsampling import representatives, thin_along_curve
 from topokit.core.cloud.settings import CloudSettings
 

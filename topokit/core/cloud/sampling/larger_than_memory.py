@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from topokit.core.arrays import Booleans, Floats, Integers
-from topokit.core.cloud.sampling.cells import FINEST, Cells, cell_keys, in_order, mixed
-from topokit.core.cloud.sampling.cubes import moments, thickness_of
+from topokit.core.cloud.sampling.cube_hierarchy import moments, thickness_of
+from topokit.core.cloud.sampling.one_point_per_cell import FINEST, Cells, cell_keys, in_order, mixed
 
 _STRAY_LEVELS = 2  # cubes of 4 × 4 × 4 cells that may be no surface
 _RARE = 32  # times fewer points than in the cube of most points, of a cube that may be haze

@@ -26,7 +26,7 @@ import numpy as np
 
 import topokit as tk
 from topokit.adapters.points.entry import FORMATS
-from topokit.adapters.points.large import MOST_AT_ONCE
+from topokit.adapters.points.larger_than_memory import MOST_AT_ONCE
 from topokit.core.processors import n_cores
 from topokit.inputs.formats import stored_in
 from topokit.testing import genus_mesh

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from topokit.adapters.points.files import read_points
 from topokit.adapters.points.invalid_rows import valid_rows
-from topokit.adapters.points.large import reduced_samples, stored_cloud
+from topokit.adapters.points.larger_than_memory import reduced_samples, stored_cloud
 from topokit.adapters.points.ragged import checked_lengths, is_nested, padded, without_padding
 from topokit.adapters.points.repeated_points import one_per_place, require_places
 from topokit.core.local.neighborhood_size import given_or_default

@@ -90,6 +90,6 @@ POINTS = Adapter(
     suffix_requires=requirements_of(FORMATS),
     differentiable=True,
     opener="topokit.adapters.points.adapter:from_points",
-    is_large="topokit.adapters.points.large:is_large",
+    is_large="topokit.adapters.points.larger_than_memory:is_large",
     may_open=may_be_points,
 )

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.adapters.points import adapter, large
+from topokit.adapters.points import adapter, larger_than_memory
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
 from topokit.adapters.points.text import layout_of, read_rows, read_table
@@ -41,7 +41,7 @@ FEW_CELLS = 3000
 
 @pytest.fixture(autouse=True)
 def few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large, "MOST_CELLS", FEW_CELLS)
+    monkeypatch.setattr(larger_than_memory, "MOST_CELLS", FEW_CELLS)
 
 
 def write(path: Path, points: Floats, normals: Floats | None = None) -> Path:
@@ -116,7 +116,7 @@ def test_any_blocks_give_the_same_samples(
 
 
 def test_a_reduced_cloud_has_the_answer_of_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(large, "MOST_CELLS", 20_000)
+    monkeypatch.setattr(larger_than_memory, "MOST_CELLS", 20_000)
     rng = np.random.default_rng(0)
     points = torus_samples(200_000).points.double().numpy()
     points = points + 2e-3 * rng.normal(size=points.shape)
@@ -132,7 +132,7 @@ def test_large_files_and_memory_maps_are_read_by_blocks_by_themselves(
 ) -> None:
     path = write(tmp_path / "cloud.npy", POINTS)
     assert tk.from_points(path).samples.n_points == len(POINTS)
-    monkeypatch.setattr(large, "MOST_IN_MEMORY", 10_000)
+    monkeypatch.setattr(larger_than_memory, "MOST_IN_MEMORY", 10_000)
     wanted = expected(POINTS)
     assert_same(tk.from_points(path), wanted)
     assert_same(tk.load(path), wanted)
@@ -247,7 +247,7 @@ def test_a_worker_that_dies_costs_a_retry(dask_client: Any, tmp_path: Path, monk
     path = write(tmp_path / "cloud.npy", POINTS)
     deadly = DeadlyOnce(np.load(path, mmap_mode="r"))
     deadly.mark = tmp_path / "killed"
-    monkeypatch.setattr(large, "stored_in", lambda *_: deadly)
+    monkeypatch.setattr(larger_than_memory, "stored_in", lambda *_: deadly)
     assert_same(tk.from_points(path, block_points=999, client=dask_client), expected(POINTS))
     assert int(deadly.mark.read_text()) != os.getpid()
 
@@ -259,12 +259,12 @@ def test_a_survey_gives_large_clouds_to_all_workers(
     """Of 2000 points one worker makes the report; of many all workers read, and this process makes it."""
     write(tmp_path / "small.npy", POINTS[:2000])
     write(tmp_path / "large.npy", POINTS)
-    monkeypatch.setattr(large, "MOST_IN_MEMORY", 10_000)
+    monkeypatch.setattr(larger_than_memory, "MOST_IN_MEMORY", 10_000)
     read_by: list[tuple[str, Any]] = []
 
     def spy(cloud: StoredCloud, block_points: int | None, client: Any) -> Any:
         read_by.append((cloud.path.name, client))
-        return large.reduced_samples(cloud, block_points, client)
+        return larger_than_memory.reduced_samples(cloud, block_points, client)
 
     monkeypatch.setattr(adapter, "reduced_samples", spy)
     rows = {row["file"].rpartition("/")[2]: row for row in tk.survey(tmp_path, client=dask_client).rows}

@@ -23,9 +23,9 @@ from dask.distributed import Client, LocalCluster
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.adapters.voxels.box import Ends
 from topokit.adapters.voxels.counting import BlockCount, Solid
-from topokit.adapters.voxels.stored import IndexedVolume
+from topokit.adapters.voxels.periodic_or_cut_out import Ends
+from topokit.adapters.voxels.stored_volumes import IndexedVolume
 from topokit.core.blocks.division import Box, Division
 from topokit.core.blocks.on_dask import reduced
 

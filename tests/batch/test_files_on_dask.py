@@ -71,17 +71,17 @@ def test_a_large_volume_is_counted_by_all_workers(
 ) -> None:
     np.save(folder / "volume.npy", np.random.default_rng(0).random((20, 30, 40)) < 0.3)
     expected = tk.survey(folder).rows
-    monkeypatch.setattr("topokit.adapters.voxels.large.MOST_IN_MEMORY", 1000)
-    from topokit.adapters.voxels import large
+    monkeypatch.setattr("topokit.adapters.voxels.larger_than_memory.MOST_IN_MEMORY", 1000)
+    from topokit.adapters.voxels import larger_than_memory
 
     clients: list[Any] = []
-    original = large.answer_in_blocks
+    original = larger_than_memory.answer_in_blocks
 
     def watched(*given: Any) -> Any:
         clients.append(given[-1])
         return original(*given)
 
-    monkeypatch.setattr(large, "answer_in_blocks", watched)
+    monkeypatch.setattr(larger_than_memory, "answer_in_blocks", watched)
     assert answered(tk.survey(folder, client=dask_client).rows) == answered(expected)
     assert clients == [dask_client]
 

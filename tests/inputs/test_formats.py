@@ -12,8 +12,8 @@ import pytest
 from topokit.adapters.mesh.entry import FORMATS as OF_MESHES
 from topokit.adapters.points.entry import FORMATS as OF_POINTS
 from topokit.adapters.splats.entry import FORMATS as OF_SPLATS
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.entry import FORMATS as OF_VOLUMES
-from topokit.adapters.voxels.stored import Entry
 from topokit.inputs.files import head
 from topokit.inputs.formats import Format, Formats, format_of, is_certainly, stored_in
 

@@ -69,7 +69,7 @@ def _read_packed(path: Path) -> Any:
 
 def _read_stored(path: Path) -> Any:
     """A volume that can be read box by box, as a whole."""
-    from topokit.adapters.voxels.stored_files import stored_volume
+    from topokit.adapters.voxels.opening_stored import stored_volume
 
     found = stored_volume(path)
     if found is None:

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.counting import Seen, Solid
-from topokit.adapters.voxels.large import Blocks, blocks_of
+from topokit.adapters.voxels.larger_than_memory import Blocks, blocks_of
 from topokit.adapters.voxels.masks import check_mask
-from topokit.adapters.voxels.stored import Entry
 from topokit.comparison.blocks import BlockComparison
 from topokit.core.blocks.division import MOST_VOXELS, Box
 from topokit.core.blocks.on_dask import reduced

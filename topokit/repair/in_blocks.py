@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.copy_in_blocks import StoredCopy, stored_copy
 from topokit.adapters.voxels.field import VoxelField
-from topokit.adapters.voxels.large import StoredSolid, shape_in_blocks
-from topokit.adapters.voxels.stored_copy import StoredCopy, stored_copy
-from topokit.adapters.voxels.stored_files import stored_volume
+from topokit.adapters.voxels.larger_than_memory import StoredSolid, shape_in_blocks
+from topokit.adapters.voxels.opening_stored import stored_volume
 from topokit.core.arrays import Floats, Integers
 from topokit.core.blocks.division import Box, Division
 from topokit.core.grid.euler import comparable

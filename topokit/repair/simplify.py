@@ -7,7 +7,7 @@ import os
 from dataclasses import replace
 from numbers import Real
 
-from topokit.adapters.voxels.large import StoredSolid
+from topokit.adapters.voxels.larger_than_memory import StoredSolid
 from topokit.core.homotopy.simplified import Way
 from topokit.errors import InputError
 from topokit.repair.in_blocks import simplified_in_blocks

@@ -92,9 +92,9 @@ def test_compressed_voxels_that_grow_are_refused(
 ) -> None:
     import bz2
 
-    from topokit.adapters.voxels import bounds
+    from topokit.adapters.voxels import announced_sizes
 
-    monkeypatch.setattr(bounds, "FREE_OF_MASKS", 1 << 20)
+    monkeypatch.setattr(announced_sizes, "FREE_OF_MASKS", 1 << 20)
     packed = {"gzip": gzip.compress, "bzip2": bz2.compress}[encoding](bytes(4 << 20))
     (tmp_path / "f.nrrd").write_bytes(HEADER.format(2, 2, 2, encoding, "").encode() + packed)
     with pytest.raises(ReadError, match="decompression bomb"):

@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.adapters.voxels.large import blocks_of
-from topokit.adapters.voxels.stored import Entry, StoredVolume
+from topokit.adapters.voxels.chosen_part import Entry
+from topokit.adapters.voxels.larger_than_memory import blocks_of
+from topokit.adapters.voxels.stored_volumes import StoredVolume
 from topokit.core.blocks.division import Box
 from topokit.core.blocks.on_dask import active_client
 
@@ -67,7 +68,7 @@ def test_a_dask_array_goes_to_the_active_client(dask_client: Any) -> None:
 
 def test_a_worker_that_dies_costs_a_retry(dask_client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mark = tmp_path / "killed"
-    monkeypatch.setattr("topokit.adapters.voxels.large.stored_volume", lambda *_: DeadlyOnce(mark))
+    monkeypatch.setattr("topokit.adapters.voxels.larger_than_memory.stored_volume", lambda *_: DeadlyOnce(mark))
     found = tk.from_voxels("deadly", block_voxels=1500, client=dask_client).report()
     assert int(mark.read_text()) != os.getpid()
     assert found.per_component == tk.from_voxels(VOLUME).report().per_component

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import topokit as tk
-from topokit.adapters.voxels.stored import Entry, IndexedVolume, StoredVolume, _lengths
-from topokit.adapters.voxels.stored_files import stored_volume
+from topokit.adapters.voxels.chosen_part import Entry
+from topokit.adapters.voxels.opening_stored import stored_volume
+from topokit.adapters.voxels.stored_volumes import IndexedVolume, StoredVolume, _lengths
 from topokit.errors import ReadError
 
 h5py = pytest.importorskip("h5py")

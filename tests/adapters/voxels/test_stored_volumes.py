@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 import topokit as tk
-from topokit.adapters.voxels import large
-from topokit.adapters.voxels.stored import stored_array
+from topokit.adapters.voxels import larger_than_memory
+from topokit.adapters.voxels.opening_stored import stored_array
 from topokit.errors import InputError, ReadError
 
 zarr = pytest.importorskip("zarr")
@@ -175,7 +175,7 @@ def test_large_volumes_are_read_block_by_block(tmp_path: Path, monkeypatch: pyte
     path = zarr_path(tmp_path, volume())
     expected = tk.from_voxels(path)
     assert len(expected.curvature().gaussian) > 0
-    monkeypatch.setattr(large, "MOST_IN_MEMORY", volume().size - 1)
+    monkeypatch.setattr(larger_than_memory, "MOST_IN_MEMORY", volume().size - 1)
     shape = tk.load(path)
     assert same(shape.report(), expected.report())
     for ask in (shape.curvature, shape.surface):

@@ -14,16 +14,16 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from topokit.adapters.voxels.box import Edges, Ends, cut_out_answer, periodic_answer, periodic_shape
+from topokit.adapters.voxels.chosen_part import ALL, Entry, axis_names, volume_index
 from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES, VOXELS
 from topokit.adapters.voxels.field import Labels, VoxelField, listed
 from topokit.adapters.voxels.files import read_volume
-from topokit.adapters.voxels.large import blocks_of, shape_in_blocks
+from topokit.adapters.voxels.larger_than_memory import blocks_of, shape_in_blocks
 from topokit.adapters.voxels.medical import image_of
+from topokit.adapters.voxels.opening_stored import stored_volume
+from topokit.adapters.voxels.periodic_or_cut_out import Edges, Ends, cut_out_answer, periodic_answer, periodic_shape
 from topokit.adapters.voxels.samples import volume_samples
-from topokit.adapters.voxels.stored import ALL, Entry, axis_names, volume_index
-from topokit.adapters.voxels.stored_files import stored_volume
 from topokit.core.arrays import Booleans
 from topokit.core.blocks.part import Periodic
 from topokit.core.blocks.periodic import count_periodic

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.stored import StoredVolume
+from topokit.adapters.voxels.stored_volumes import StoredVolume
 from topokit.core.blocks.division import Box, Division
 from topokit.ending import finally_do
 from topokit.errors import InputError, requiring

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.adapters.voxels.box import Ends, cut_out_answer, periodic_answer
 from topokit.adapters.voxels.field import SLAB, Labels, listed
-from topokit.adapters.voxels.stored import StoredVolume
+from topokit.adapters.voxels.periodic_or_cut_out import Ends, cut_out_answer, periodic_answer
+from topokit.adapters.voxels.stored_volumes import StoredVolume
 from topokit.core.blocks.cube_parts import CubePart, count_cube_part, join_cube_parts
 from topokit.core.blocks.division import Box, Division, Triple
 from topokit.core.blocks.on_dask import reduced

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from topokit.adapters.voxels.counting import Solid, values_of
-from topokit.adapters.voxels.stored import StoredVolume
+from topokit.adapters.voxels.stored_volumes import StoredVolume
 from topokit.core.blocks.curve import EulerCurve
 from topokit.core.blocks.curve_parts import CurvePart, count_curve_part, join_curve_parts
 from topokit.core.blocks.division import Box, Division, Triple

@@ -7,7 +7,7 @@ import re
 from functools import partial
 from pathlib import Path
 
-from topokit.adapters.voxels.bounds import page_count
+from topokit.adapters.voxels.announced_sizes import page_count
 from topokit.errors import ReadError
 from topokit.inputs.files import BEGINNINGS, ZIP, head
 from topokit.inputs.formats import Format, begins, is_certainly, requirements_of, suffixes_of
@@ -88,13 +88,14 @@ def _is_volume(path: Path, beginning: bytes) -> bool:
 
 
 _HERE = "topokit.adapters.voxels"
+_NUMPY = f"{_HERE}.numpy_volumes"
 _ITK = f"{_HERE}.medical:read_itk"
 FORMATS = (
     Format(
-        *("NPY", (".npy",), begins(BEGINNINGS[".npy"]), f"{_HERE}.files:read_npy", f"{_HERE}.stored_files:npy_volume"),
+        *("NPY", (".npy",), begins(BEGINNINGS[".npy"]), f"{_NUMPY}:read_npy", f"{_NUMPY}:npy_volume"),
         is_certain=_is_volume,
     ),
-    Format("NPZ", (".npz",), begins(ZIP), f"{_HERE}.files:read_npz", is_certain=_is_volume),
+    Format("NPZ", (".npz",), begins(ZIP), f"{_NUMPY}:read_npz", is_certain=_is_volume),
     Format("NIfTI", (".nii", ".nii.gz", ".img"), is_nifti, f"{_HERE}.medical:read_nifti", requires=("nibabel",)),
     Format("MGH", (".mgh", ".mgz"), _is_mgh, f"{_HERE}.medical:read_mgh", requires=("nibabel",)),
     Format(
@@ -107,12 +108,12 @@ FORMATS = (
         *(f"{_HERE}.tiff:read_tiff", None, ("tifffile",)),
     ),
     Format("TIFF slices", (), _is_slices, f"{_HERE}.tiff:read_slices", requires=("tifffile",)),
-    Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.stored_files:zarr_volume", ("zarr",)),
+    Format("zarr", ADDRESSES, lambda path, _: is_zarr(path), None, f"{_HERE}.zarr_volumes:zarr_volume", ("zarr",)),
     Format("VTK", (".vti",), _is_vti, None, f"{_HERE}.vti:vti_volume", ("vtkmodules",)),
     Format("DICOM", (".dcm",), _is_dicom, _ITK, requires=("SimpleITK",)),
     Format("MetaImage", (".mha", ".mhd"), _is_metaimage, _ITK, requires=("SimpleITK",)),
     Format(
-        *("HDF5", (".h5", ".hdf5"), begins(b"\x89HDF\r\n\x1a\n"), None, f"{_HERE}.stored_files:hdf_volume", ("h5py",))
+        *("HDF5", (".h5", ".hdf5"), begins(b"\x89HDF\r\n\x1a\n"), None, f"{_HERE}.hdf_volumes:hdf_volume", ("h5py",))
     ),
 )
 
@@ -130,5 +131,5 @@ VOXELS = Adapter(
     opener="topokit.adapters.voxels.adapter:from_voxels",
     addresses=ADDRESSES,
     open_labels="topokit.adapters.voxels.labels:from_labels",
-    is_large="topokit.adapters.voxels.large:is_large",
+    is_large="topokit.adapters.voxels.larger_than_memory:is_large",
 )

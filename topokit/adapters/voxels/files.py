@@ -6,16 +6,14 @@ import pkgutil
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from topokit.adapters.voxels.chosen_part import ALL, Entry, volume_axes, volume_index
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
-from topokit.adapters.voxels.stored import ALL, Entry, volume_axes, volume_index
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
 from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
-from topokit.inputs.headers import array_shapes
 from topokit.inputs.reading import reading
 
 Volume = tuple[NDArray[Any], Placement | None]
@@ -46,26 +44,3 @@ def read_volume(path: Path, entry: Entry = ALL) -> Volume:
         hint = one if array.ndim == 2 else several
         raise ReadError(f"{path} holds an array of shape {array.shape}; a volume (X, Y, Z) was expected. {hint}")
     return array[volume_index(array.shape, entry)] if chosen else array, placement
-
-
-def read_npy(path: Path) -> Volume:
-    """An array in memory."""
-    array_shapes(path)  # refuses a header that does not fit the file
-    return np.load(path, allow_pickle=False), None
-
-
-def read_npz(path: Path) -> Volume:
-    """The only array of three axes, and what is stored beside it as "spacing"."""
-    shapes = array_shapes(path)
-    with np.load(path, allow_pickle=False) as archive:
-        volumes = [name for name in archive.files if len(shapes.get(name.lower(), ())) == 3]
-        if len(volumes) != 1:
-            held = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-            raise ReadError(f"{path} holds {held}; exactly one array with three axes was expected.")
-        spacing = np.ravel(archive["spacing"]).astype(float) if "spacing" in archive.files else None
-        if spacing is not None and len(spacing) not in (1, 3):
-            raise ReadError(f"{path}: 'spacing' holds {len(spacing)} numbers; 1 or 3 were expected.")
-        if spacing is None:
-            return archive[volumes[0]], None
-        x, y, z = np.broadcast_to(spacing, 3).tolist()
-        return archive[volumes[0]], Placement((x, y, z))

@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import Sampling, counted_answer, open_volume, placed, sampled_shape
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.counting import Solid
 from topokit.adapters.voxels.entry import ADDRESSES
 from topokit.adapters.voxels.field import VoxelField
-from topokit.adapters.voxels.large import blocks_of, label_in_blocks, labels_in_blocks
-from topokit.adapters.voxels.stored import Entry
+from topokit.adapters.voxels.larger_than_memory import blocks_of, label_in_blocks, labels_in_blocks
 from topokit.core.blocks.labeled import count_labels
 from topokit.core.blocks.whole import CountedVolume
 from topokit.core.components import Corner

@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from topokit.adapters.voxels.box import Ends, periodic_shape
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.counting import Solid, answer_in_blocks, values_of
-from topokit.adapters.voxels.levels import curve_in_blocks
-from topokit.adapters.voxels.stored import DaskVolume, Entry, LongerVolume, PartOfVolume, StoredVolume
-from topokit.adapters.voxels.stored_files import readable_in_blocks, stored_volume
+from topokit.adapters.voxels.curve_in_blocks import curve_in_blocks
+from topokit.adapters.voxels.opening_stored import readable_in_blocks, stored_volume
+from topokit.adapters.voxels.periodic_or_cut_out import Ends, periodic_shape
+from topokit.adapters.voxels.stored_volumes import DaskVolume, LongerVolume, PartOfVolume, StoredVolume
 from topokit.core.blocks.division import MOST_VOXELS, Box, Division
 from topokit.core.blocks.on_dask import active_client, reduced
 from topokit.core.grid.grid import Grid

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from topokit.adapters.voxels.adapter import as_labels, as_number, check_choice, open_volume, placed
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.counting import Seen, Solid
-from topokit.adapters.voxels.stored import Entry
 from topokit.core.arrays import Booleans
 from topokit.core.grid.grid import Grid, Spacing
 from topokit.core.grid.placement import Placement

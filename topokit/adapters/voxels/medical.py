@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from topokit.adapters.voxels.bounds import check_nibabel, check_nrrd
+from topokit.adapters.voxels.announced_sizes import check_nibabel, check_nrrd
+from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.entry import is_dicom
-from topokit.adapters.voxels.stored import Entry, placement_of_xarray
+from topokit.adapters.voxels.opening_stored import placement_of_xarray
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, Option, ReadError, requiring

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.bounds import check_tiff, page_count
+from topokit.adapters.voxels.announced_sizes import check_tiff, page_count
 from topokit.adapters.voxels.entry import slice_files
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError, requiring

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.voxels.stored import Entry, StoredVolume, Values, not_a_volume
-from topokit.adapters.voxels.stored_files import chosen_array
+from topokit.adapters.voxels.chosen_part import Entry, chosen_array, not_a_volume
+from topokit.adapters.voxels.stored_volumes import StoredVolume, Values
 from topokit.adapters.voxels.vti_guards import checked_cells, errors_raised
 from topokit.core.blocks.division import Box, Triple
 from topokit.core.grid.placement import Placement

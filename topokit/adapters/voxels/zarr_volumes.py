@@ -1,43 +1,92 @@
-"""How much of an array is stored, held against what its header announces; and that all of it lies in the given file."""
+"""Zarr volumes of any size, in folders and at addresses: OME-Zarr's levels, and sizes held against what is stored."""
 
 from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import prod
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
-from topokit.adapters.voxels.bounds import check_chunks
-from topokit.errors import ReadError
-from topokit.inputs.reading import most_expanded, require_bytes
+from topokit.adapters.voxels.announced_sizes import check_chunks
+from topokit.adapters.voxels.chosen_part import Entry, axis_names, chosen_array
+from topokit.adapters.voxels.stored_volumes import IndexedVolume, StoredVolume
+from topokit.core.arrays import Floats
+from topokit.core.grid.placement import Placement
+from topokit.errors import ReadError, requiring
+from topokit.inputs.reading import most_expanded, reading
+from topokit.inputs.remote import asking
 
 _OF_ZARR = (".json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")  # ends of names of files that hold no values
 _INDEX_BYTES = 16  # of a chunk in the index of a shard
+_UNITS = {"meter": "m", "millimeter": "mm", "micrometer": "µm", "nanometer": "nm", "angstrom": "Å"}  # of OME-Zarr
 
 
-def check_hdf(path: Path, dataset: Any) -> None:
-    """Refuse an `h5py.Dataset` whose values are in other files, or that announces far more than is stored.
+def zarr_volume(path: Path | str, entry: Entry) -> StoredVolume:
+    """The volume in a folder or at an address."""
+    name = PurePosixPath(path).name
+    with requiring('Reading .zarr needs zarr: pip install "topokit[cluster]".'):
+        import zarr
+        from zarr.errors import BaseZarrError
+    placement: Placement | None = None
+    names: tuple[str, ...] = ()
+    with asking(path) if isinstance(path, str) else reading(path, "zarr", BaseZarrError, LookupError, TypeError):
+        if isinstance(path, Path):
+            refuse_links(path)
+        found: Any = zarr.open(path, mode="r")
+        if isinstance(found, zarr.Group):
+            arrays = {
+                name: part for name, part in sorted(found.members(max_depth=None)) if isinstance(part, zarr.Array)
+            }
+            shapes = {name: one.shape for name, one in arrays.items()}
+            names, levels = _levels(found)
+            chosen = chosen_array(path, shapes, entry._replace(dataset=entry.dataset or next(iter(levels), None)))
+            names = names if chosen in levels else ()
+            found, placement = arrays[chosen], levels.get(chosen)
+        if isinstance(path, str):
+            check_remote_zarr(path, found)
+        else:
+            check_zarr(path, found)
+    return IndexedVolume(found, name, placement, entry, names or axis_names(found))
 
-    Raises:
-        ReadError: if it is one.
+
+def _levels(group: Any) -> tuple[tuple[str, ...], dict[str, Placement | None]]:
+    """The names of the axes of an OME-Zarr image, and its levels, finest first: paths, and where their voxels are.
+
+    Of other groups there are none.
+
+    Reference:
+        J. Moore et al., "OME-Zarr: a cloud-optimized bioimaging file format with international community support",
+        2023, doi:10.1007/s00418-023-02209-1.
     """
-    others = [name for name, *_ in dataset.external or ()]
-    if dataset.is_virtual:
-        others = [source.file_name for source in dataset.virtual_sources()]
-    if others or dataset.is_virtual:
-        names = ", ".join(map(repr, sorted(set(others)))) or "other data sets"
-        raise ReadError(f"{path} keeps the values of {dataset.name} in {names}; only the given file is opened.")
-    packed = dataset.id.get_storage_size()
-    require_bytes(path, f"the values of {dataset.name}", packed, path.stat().st_size)
-    if dataset.chunks is None:
-        check_chunks(path, dataset.nbytes, 0, packed, packed)
-    else:
-        chunk = prod(dataset.chunks) * dataset.dtype.itemsize
-        check_chunks(path, _n_bytes(dataset), chunk, dataset.id.get_num_chunks() * chunk, packed)
+    attributes = dict(group.attrs)
+    images = attributes.get("ome", attributes).get("multiscales") or [{}]
+    axes = [axis if isinstance(axis, dict) else {} for axis in images[0].get("axes", ())]
+    spatial = [number for number, axis in enumerate(axes) if axis.get("type", "space") == "space"]
+    units = [axes[number].get("unit", "") for number in spatial]
+    found: dict[str, Placement | None] = {}
+    for level in images[0].get("datasets", ()):
+        given = {one.get("type"): one for one in level.get("coordinateTransformations", ())}
+        scale, first = (np.asarray(given.get(name, {}).get(name, ()), dtype=float) for name in ("scale", "translation"))
+        if len(scale) == len(axes):
+            scale, first = scale[spatial], first[spatial] if len(first) == len(axes) else first
+        found[level["path"]] = _ome_placement(scale, first, units)
+    return tuple(str(axis.get("name", "")) for axis in axes), found
+
+
+def _ome_placement(scale: Floats, first: Floats, units: Sequence[str]) -> Placement | None:
+    """Where voxels are by their sizes, the center of the first one and the units; None unless there are three axes."""
+    if len(scale) != 3:
+        return None
+    unit = _UNITS.get(units[-1], units[-1]) if len(set(units)) == 1 else ""
+    if len(first) != 3:
+        return Placement(tuple(scale.tolist()), unit=unit)
+    affine = np.diag([*scale, 1.0])
+    affine[:3, 3] = first
+    return Placement.of_affine(affine, unit)
 
 
 def check_zarr(folder: Path, array: Any) -> None:
@@ -49,7 +98,7 @@ def check_zarr(folder: Path, array: Any) -> None:
     itemsize = np.dtype(array.dtype).itemsize
     chunk = prod(array.chunks) * itemsize
     shard = prod(array.shards or array.chunks) * itemsize
-    announced, place, n_files, packed, stored = _n_bytes(array), folder / array.path, 0, 0, 0
+    announced, place, n_files, packed, stored = prod(map(int, array.shape)) * itemsize, folder / array.path, 0, 0, 0
     for file in _files(place):
         if announced <= most_expanded(stored) and chunk <= most_expanded(packed):
             break
@@ -88,7 +137,3 @@ def _files(folder: Path) -> Iterator[os.DirEntry[str]]:
                     waiting.append(entry.path)
                 elif not entry.name.endswith(_OF_ZARR):
                     yield entry
-
-
-def _n_bytes(array: Any) -> int:
-    return prod(map(int, array.shape)) * np.dtype(array.dtype).itemsize

@@ -60,7 +60,7 @@ def test_folders_ask_whether_a_file_may_be_one(balls: Path) -> None:
 
 def test_a_broken_answer_costs_a_warning_not_the_file(balls: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Balls, "may_open", lambda self, path: 1 / 0)
-    monkeypatch.setattr("topokit.plugins.choice.warn_once", lambda name, message: messages.append(message))
+    monkeypatch.setattr("topokit.plugins.adapter_choice.warn_once", lambda name, message: messages.append(message))
     messages: list[str] = []
     assert len(find_sources(balls).sources) == 2
     assert "ZeroDivisionError" in messages[0]

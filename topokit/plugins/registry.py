@@ -15,7 +15,7 @@ from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import fetched, is_address, lies_in
 from topokit.inputs.unpacking import is_content, kept_in_file, unpacked
 from topokit.plugins.adapter import Adapter
-from topokit.plugins.choice import choose, knows
+from topokit.plugins.adapter_choice import choose, knows
 from topokit.plugins.foreign_code import (
     answer_of,
     check_adapter,

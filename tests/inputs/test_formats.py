@@ -14,7 +14,6 @@ from topokit.adapters.points.entry import FORMATS as OF_POINTS
 from topokit.adapters.splats.entry import FORMATS as OF_SPLATS
 from topokit.adapters.voxels.chosen_part import Entry
 from topokit.adapters.voxels.entry import FORMATS as OF_VOLUMES
-from topokit.inputs.files import head
 from topokit.inputs.formats import Format, Formats, format_of, is_certainly, stored_in
 
 
@@ -37,7 +36,7 @@ def test_arrays_are_points_or_volumes(tmp_path: Path) -> None:
     for name, wanted in (("points.npy", [True, False]), ("volume.npy", [False, True])):
         path = tmp_path / name
         assert [is_certainly(formats, path) for formats in (OF_POINTS, OF_VOLUMES)] == wanted
-        assert {found.name for formats in (OF_POINTS, OF_VOLUMES) if (found := format_of(formats, path, head(path)))}
+        assert {found.name for formats in (OF_POINTS, OF_VOLUMES) if (found := format_of(formats, path))}
         assert [stored_in(OF_POINTS, path) is not None, stored_in(OF_VOLUMES, path, Entry()) is not None] == wanted
 
 
@@ -52,7 +51,7 @@ def test_what_gzip_packed_is_read_as_a_whole(name: str, tmp_path: Path) -> None:
     packed.write_bytes(gzip.compress(plain.read_bytes()))
     assert stored_in(OF_POINTS, plain).n_points == 3
     assert stored_in(OF_POINTS, packed) is None
-    assert format_of(OF_POINTS, packed, head(packed)) == format_of(OF_POINTS, plain, head(plain))
+    assert format_of(OF_POINTS, packed) == format_of(OF_POINTS, plain)
 
 
 def test_text_is_never_certain_and_folders_are_no_points(tmp_path: Path) -> None:

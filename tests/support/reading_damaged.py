@@ -38,7 +38,7 @@ def reader_of(name: str) -> Callable[[Path], Any]:
 
         return lambda path: load(path, adapter="sdf")  # which calls it, and so reads its weights
     if name in ("sog", "spz", "spz 4", "splat", "ksplat", "compressed ply") or name.startswith("3dgs"):
-        from topokit.adapters.splats.formats.choose import read_splats
+        from topokit.adapters.splats.formats.read_splats import read_splats
 
         return read_splats
     if name in ("glb", "gltf", "3mf", "gifti", "freesurfer", *list(FLAT)[:6]):

@@ -1,6 +1,6 @@
-"""The formats of a representation as rows of one table: how each is recognized, who reads it, and what that needs.
+"""The formats of a representation as rows of one table, and which of them a file has: by content, else by suffix.
 
-Such a table imports no reader: it names them.
+A row says how a format is recognized, who reads it and what that needs. A table imports no reader: it names them.
 """
 
 from __future__ import annotations
@@ -61,15 +61,28 @@ def by_suffix(formats: Formats, path: Path) -> Format | None:
     return next((one for one in formats if path.suffix.lower() in one.suffixes), None)
 
 
-def format_of(formats: Formats, path: Path, beginning: bytes) -> Format | None:
-    """The format of a file or folder, or None."""
+def format_of(formats: Formats, path: Path, *, else_by_suffix: bool = False) -> Format | None:
+    """The format of a file or folder, or None.
+
+    The content chooses it; some recognizers look at the suffix, too.
+
+    Args:
+        formats: a table.
+        path: the file.
+        else_by_suffix: whether the suffix chooses where the content is that of no format.
+    """
+    found = _recognized(formats, path, head(path))
+    return by_suffix(formats, path) if found is None and else_by_suffix else found
+
+
+def _recognized(formats: Formats, path: Path, beginning: bytes) -> Format | None:
     return next((one for one in formats if one.recognizes(path, beginning)), None)
 
 
 def is_certainly(formats: Formats, path: Path) -> bool:
     """Whether the content of a file or folder leaves no doubt that it is of the table's representation."""
     beginning = head(path)
-    found = format_of(formats, path, beginning)
+    found = _recognized(formats, path, beginning)
     return found is not None and (found.is_certain is None or found.is_certain(path, beginning))
 
 
@@ -87,7 +100,7 @@ def stored_in(formats: Formats, path: Path, *given: Any) -> Any | None:
     if path.is_file():
         with path.open("rb") as file:
             beginning = file.read(HEAD)
-    found = None if beginning.startswith(GZIP) else format_of(formats, path, beginning)
+    found = None if beginning.startswith(GZIP) else _recognized(formats, path, beginning)
     return None if found is None or found.stored is None else pkgutil.resolve_name(found.stored)(path, *given)
 
 

@@ -22,7 +22,7 @@ from topokit.adapters.mesh.formats.xml import refuse_entities
 from topokit.adapters.mesh.scenes import load_flattened
 from topokit.errors import FOR_POINTS, ReadError, requiring
 from topokit.inputs.files import head
-from topokit.inputs.formats import by_suffix, format_of
+from topokit.inputs.formats import format_of
 from topokit.inputs.ply import check_header
 from topokit.inputs.reading import quiet, reading
 
@@ -44,7 +44,7 @@ def read_mesh(path: Path) -> Mesh:
         ReadError: if the file cannot be read or holds no triangle.
         MissingDependencyError: if the format needs a package that is not there.
     """
-    found = format_of(FORMATS, path, head(path)) or by_suffix(FORMATS, path)
+    found = format_of(FORMATS, path, else_by_suffix=True)
     if found is None:
         raise ReadError(f"{path} is no mesh by its content or its suffix. Known: {', '.join(MESH.suffixes)}.")
     vertices, faces = pkgutil.resolve_name(str(found.read))(path)

@@ -34,7 +34,7 @@ def read_points(path: Path) -> Cloud:
         ReadError: if the file is malformed or holds no points.
         MissingDependencyError: if the format's reader is not installed.
     """
-    found = format_of(FORMATS, path, head(path))
+    found = format_of(FORMATS, path)
     if found is not None:
         quiet = np.errstate(all="ignore")  # rows that are not finite are dropped and counted
         with quiet, reading(path, f"the {found.name} reader", extra="topokit[formats]"):

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from topokit.adapters.splats.clusters import Component, choose_clusters, small_clusters
 from topokit.adapters.splats.disc_sizes import disc_areas, disc_weights, thickness
-from topokit.adapters.splats.formats.rows import copy_rows
+from topokit.adapters.splats.formats.copy_rows import copy_rows
 from topokit.adapters.splats.normals import normals_of
 from topokit.adapters.splats.surrounding_planes import Plane, surrounding_planes
 from topokit.errors import InputError, Option

@@ -17,7 +17,7 @@ from topokit.adapters.splats.checkpoints import SUFFIXES, tensors_by_name
 from topokit.adapters.splats.cleaning import Kept, Limits, clean, without_floaters
 from topokit.adapters.splats.clusters import Component
 from topokit.adapters.splats.entry import scene_file
-from topokit.adapters.splats.formats.choose import read_splats
+from topokit.adapters.splats.formats.read_splats import read_splats
 from topokit.core.linalg import normalize
 from topokit.errors import InputError, UnknownFormatError
 from topokit.inputs.arrays import as_floating

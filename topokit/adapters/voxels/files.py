@@ -12,7 +12,6 @@ from topokit.adapters.voxels.chosen_part import ALL, Entry, volume_axes, volume_
 from topokit.adapters.voxels.entry import FORMATS, VOXELS
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError
-from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
 from topokit.inputs.reading import reading
 
@@ -32,7 +31,7 @@ def read_volume(path: Path, entry: Entry = ALL) -> Volume:
         ReadError: if the file is malformed or holds no 3-D array.
         MissingDependencyError: if the format's reader is not installed.
     """
-    found = format_of(FORMATS, path, head(path))
+    found = format_of(FORMATS, path)
     if found is None or found.read is None:
         raise ReadError(f"{path} is not a volume by its content. Known: {', '.join(VOXELS.suffixes)}.")
     with reading(path, f"the {found.name} reader", extra="topokit[volumes]"):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import Floats, SplatTable, with_largest
+from topokit.adapters.splats.formats.splat_table import Floats, SplatTable, with_largest
 from topokit.errors import ReadError
 from topokit.inputs.ply import ply_elements
 

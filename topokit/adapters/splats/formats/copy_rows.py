@@ -11,8 +11,8 @@ import numpy as np
 
 from topokit.adapters.splats.entry import FORMATS, scene_file
 from topokit.adapters.splats.formats.splat import ROW
+from topokit.adapters.splats.formats.splat_table import CONVERTER
 from topokit.adapters.splats.formats.spz import HEADER, layout_of
-from topokit.adapters.splats.formats.table import CONVERTER
 from topokit.core.arrays import Integers
 from topokit.errors import InputError, UnknownFormatError
 from topokit.inputs.files import GZIP, existing_file, head
@@ -34,7 +34,7 @@ def copy_rows(source: str | os.PathLike[str], rows: Integers, target: str | os.P
         UnknownFormatError: if the splats of the source cannot be taken apart without loss.
     """
     path, target = existing_file(scene_file(source)), Path(target)
-    found = format_of(FORMATS, path, head(path))
+    found = format_of(FORMATS, path)
     name = path.suffix.lower().lstrip(".") if found is None else found.name
     if name not in ("ply", "splat", "spz") or (name != "spz" and head(path).startswith(GZIP)):
         raise UnknownFormatError(

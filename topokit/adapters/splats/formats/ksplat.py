@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable
+from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable
 from topokit.errors import ReadError
 from topokit.inputs.reading import require_bytes
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import Floats, SplatTable, empty_table, sigmoid
+from topokit.adapters.splats.formats.splat_table import Floats, SplatTable, empty_table, sigmoid
 from topokit.errors import ReadError
 from topokit.inputs.ply import ply_elements
 

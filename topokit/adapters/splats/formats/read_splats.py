@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from topokit.adapters.splats.entry import FORMATS, SPLATS
-from topokit.adapters.splats.formats.table import CONVERTER, SplatTable
+from topokit.adapters.splats.formats.splat_table import CONVERTER, SplatTable
 from topokit.errors import UnknownFormatError
 from topokit.inputs.files import head
 from topokit.inputs.formats import Format, by_suffix, format_of
@@ -24,7 +24,7 @@ def read_splats(path: Path) -> SplatTable:
         ReadError: if the file is malformed.
         MissingDependencyError: if the format needs a package that is not installed.
     """
-    found = format_of(FORMATS, path, head(path))
+    found = format_of(FORMATS, path)
     if found is not None and found.name == "spz":  # which is a gzip file of its own
         return _read(path)
     with unpacked(path) as plain:
@@ -32,7 +32,7 @@ def read_splats(path: Path) -> SplatTable:
 
 
 def _read(path: Path) -> SplatTable:
-    found = format_of(FORMATS, path, head(path)) or _format_by_suffix(path)
+    found = format_of(FORMATS, path) or _format_by_suffix(path)
     with reading(path, f"the .{found.name} reader"), np.errstate(all="ignore"):  # what overflows is dropped and counted
         table: SplatTable = pkgutil.resolve_name(str(found.read))(path)
         return table

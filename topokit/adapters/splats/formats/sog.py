@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
+from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import ReadError
 from topokit.inputs.files import file_beside, head
 from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members

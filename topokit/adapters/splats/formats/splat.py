@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from topokit.adapters.splats.formats.table import SplatTable
+from topokit.adapters.splats.formats.splat_table import SplatTable
 from topokit.errors import ReadError
 
 ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("rotation", "u1", 4)])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topokit.adapters.splats.formats.table import CONVERTER, Floats, SplatTable, with_largest
+from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import MissingDependencyError, ReadError
 from topokit.inputs.reading import require_bytes, require_expansion
 

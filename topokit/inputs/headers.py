@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 from topokit.errors import ReadError
 from topokit.inputs.files import BEGINNINGS, ZIP
-from topokit.inputs.reading import reading, require_bytes, require_members
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes, require_members
 from topokit.inputs.unpacking import unpacked
 
 NUMPY = BEGINNINGS[".npy"]

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from topokit.errors import InputError, ReadError
 from topokit.inputs.files import head
-from topokit.inputs.reading import reading, require_bytes
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes
 from topokit.inputs.writing import completed_file
 
 _LONGEST_HEADER = 1 << 18  # bytes; a 3DGS header has about 1 500

@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
 from topokit.errors import InputError, MissingDependencyError, ReadError, TopokitError, requiring, summary
-from topokit.inputs.reading import FREE_OF_MASKS, require_expansion
+from topokit.inputs.size_limits import FREE_OF_MASKS, require_expansion
 from topokit.inputs.unpacking import FORBIDDEN, temporary_file
 
 Options = ParamSpec("Options")

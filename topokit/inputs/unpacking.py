@@ -15,7 +15,8 @@ from typing import Any, BinaryIO
 from topokit.ending import finally_do
 from topokit.errors import InputError, TopokitError
 from topokit.inputs.files import GZIP, existing_file
-from topokit.inputs.reading import FREE_OF_MASKS, reading, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import FREE_OF_MASKS, require_expansion
 
 _STEP = 1 << 20  # bytes copied at a time
 FORBIDDEN = set('/\\:*?"<>|\0')

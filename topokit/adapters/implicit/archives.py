@@ -17,7 +17,8 @@ import torch
 
 from topokit.adapters.implicit.storages import require_storages
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading, require_members
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_members
 
 _CONFIG = "_config.json"  # which members are weights or constants, and which of them are pickles
 _MACHINE_CODE = "data/aotinductor/"  # shared libraries of AOTInductor, which are loaded into the process

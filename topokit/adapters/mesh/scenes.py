@@ -10,7 +10,7 @@ import numpy as np
 
 from topokit.errors import ReadError
 from topokit.inputs.files import file_beside
-from topokit.inputs.reading import require_expansion
+from topokit.inputs.size_limits import require_expansion
 
 _FACE_BYTES = 60  # of a triangle in memory, with its share of vertices
 

@@ -21,7 +21,8 @@ from topokit.inputs.files import head
 from topokit.inputs.formats import format_of
 from topokit.inputs.headers import array_shapes
 from topokit.inputs.ply import check_header, ply_elements
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes, require_expansion
 
 _PCD_LINES = 10
 _INSTALL = 'pip install "topokit[formats]"'

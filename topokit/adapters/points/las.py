@@ -17,7 +17,8 @@ import numpy as np
 from topokit.adapters.points.stored import Block, Cloud, StoredCloud
 from topokit.errors import MissingDependencyError, ReadError, requiring, summary
 from topokit.inputs.files import head
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes, require_expansion
 
 _INSTALL = 'pip install "topokit[formats]"'
 _RECORD = struct.Struct("<HHBBHIIqqH")  # how points are packed, followed by the items of a point

@@ -12,7 +12,8 @@ import numpy as np
 from topokit.adapters.points.stored import Block, Cloud, StoredCloud
 from topokit.core.arrays import Floats
 from topokit.errors import ReadError, requiring
-from topokit.inputs.reading import reading, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_expansion
 
 _COORDINATES, _NORMALS = ("x", "y", "z"), ("nx", "ny", "nz")
 _BYTES = 4  # of a coordinate at least, once it is unpacked

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Literal
 
 from topokit.errors import ReadError
 from topokit.inputs.files import file_beside
-from topokit.inputs.reading import FREE_OF_MASKS, most_expanded, require_bytes, require_expansion
+from topokit.inputs.size_limits import FREE_OF_MASKS, most_expanded, require_bytes, require_expansion
 
 _STEP = 1 << 20
 _BIG_TIFF = 43  # version of the format with offsets of eight bytes

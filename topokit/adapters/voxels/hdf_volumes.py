@@ -14,7 +14,8 @@ from topokit.adapters.voxels.stored_volumes import StoredVolume, Values, contigu
 from topokit.core.blocks.division import Box
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError, requiring
-from topokit.inputs.reading import reading, require_bytes
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes
 
 
 class HdfVolume(StoredVolume):

@@ -26,7 +26,8 @@ from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, Option, ReadError, requiring
 from topokit.inputs.files import head, require_beside
-from topokit.inputs.reading import FREE_OF_MASKS, reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import FREE_OF_MASKS, require_bytes, require_expansion
 
 Volume = tuple[NDArray[Any], Placement | None]
 _HOW = 'pip install "topokit[volumes]"'

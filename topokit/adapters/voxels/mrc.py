@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from topokit.core.grid.placement import Placement
 from topokit.errors import requiring
 from topokit.inputs.files import head
-from topokit.inputs.reading import reading, require_bytes
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes
 
 _HEADER = 1024  # bytes
 _EXTENDED, _STAMP = slice(92, 96), slice(212, 213)  # the size of the extended header, and the order of bytes

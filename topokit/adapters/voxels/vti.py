@@ -15,7 +15,8 @@ from topokit.adapters.voxels.vti_guards import checked_cells, errors_raised
 from topokit.core.blocks.division import Box, Triple
 from topokit.core.grid.placement import Placement
 from topokit.errors import requiring
-from topokit.inputs.reading import FREE_OF_MASKS, reading, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import FREE_OF_MASKS, require_expansion
 
 _AXES = ("x", "y", "z", "c")  # of an array with several components
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from topokit.inputs.reading import FREE_OF_MASKS, require_bytes, require_expansion
+from topokit.inputs.size_limits import FREE_OF_MASKS, require_bytes, require_expansion
 
 _ONE_AT_A_TIME = threading.Lock()  # where VTK writes its errors is a matter of the process
 _FIELDS = ("PointData", "CellData")

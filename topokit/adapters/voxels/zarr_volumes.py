@@ -17,8 +17,9 @@ from topokit.adapters.voxels.stored_volumes import IndexedVolume, StoredVolume
 from topokit.core.arrays import Floats
 from topokit.core.grid.placement import Placement
 from topokit.errors import ReadError, requiring
-from topokit.inputs.reading import most_expanded, reading
+from topokit.inputs.reading import reading
 from topokit.inputs.remote import asking
+from topokit.inputs.size_limits import most_expanded
 
 _OF_ZARR = (".json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")  # ends of names of files that hold no values
 _INDEX_BYTES = 16  # of a chunk in the index of a shard

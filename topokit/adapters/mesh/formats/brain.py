@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from topokit.adapters.mesh.entry import FREESURFER_START
 from topokit.errors import ReadError, requiring
-from topokit.inputs.reading import most_expanded, reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import most_expanded, require_bytes, require_expansion
 
 _MOST_AXES = 6  # of an array, in the definition of GIFTI
 _STEP = 1 << 20  # bytes decompressed at a time

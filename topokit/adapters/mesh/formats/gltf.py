@@ -8,7 +8,8 @@ from typing import Any
 from urllib.parse import unquote
 
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading, require_bytes, require_expansion
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes, require_expansion
 
 _HEADER = 20  # bytes of a .glb before its JSON
 _COMPONENT_BYTES = {"5120": 1, "5121": 1, "5122": 2, "5123": 2, "5125": 4, "5126": 4}

@@ -9,7 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from topokit.errors import ReadError
-from topokit.inputs.reading import reading, require_members
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_members
 
 _FREE_XML = 1 << 26  # bytes of XML that any archive may hold: its tree takes up to twenty times as much
 _MOST_INSTANCES = 1 << 16  # of objects in a 3MF file, each of which has a matrix and a name

@@ -10,7 +10,7 @@ import numpy as np
 
 from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable
 from topokit.errors import ReadError
-from topokit.inputs.reading import require_bytes
+from topokit.inputs.size_limits import require_bytes
 
 _HEADER, _SECTION = 4096, 1024
 _SH_VALUES = (0, 9, 24, 45)  # by degree

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import ReadError
 from topokit.inputs.files import file_beside, head
-from topokit.inputs.reading import reading, require_bytes, require_expansion, require_members
+from topokit.inputs.reading import reading
+from topokit.inputs.size_limits import require_bytes, require_expansion, require_members
 
 Pixels = NDArray[np.uint8]
 _META = "meta.json"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from topokit.adapters.splats.formats.splat_table import CONVERTER, Floats, SplatTable, with_largest
 from topokit.errors import MissingDependencyError, ReadError
-from topokit.inputs.reading import require_bytes, require_expansion
+from topokit.inputs.size_limits import require_bytes, require_expansion
 
 Bytes = NDArray[np.uint8]
 _MAGIC = b"NGSP"

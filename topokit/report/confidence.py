@@ -1,4 +1,4 @@
-"""The probability that the integer of a point cloud is right at its resolution: a logistic model of the evidence."""
+"""Confidence: 1 of what is certain, and of a point cloud the probability by a logistic model of the evidence."""
 
 from __future__ import annotations
 
@@ -54,6 +54,11 @@ EVIDENCE: Mapping[str, Doubt] = MappingProxyType(
 
 
 _NOISE = 0.1  # roughness, in spacings, from which most samples are off any surface by noise alone
+
+
+def counted_confidence(verdict: str) -> float | None:
+    """Confidence of a counted or bounded answer: 1 if it is certain, else None, for which none was calibrated."""
+    return 1.0 if verdict == "certain" else None
 
 
 def cloud_confidence(witness: Witness) -> float:

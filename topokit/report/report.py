@@ -18,6 +18,7 @@ from topokit.core.mesh.enclosed_solid import EnclosedSolid
 from topokit.core.scale.features import SolidCounts, SolidFeatures
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.errors import GenusError, InputError
+from topokit.report.confidence import counted_confidence
 from topokit.report.features import feature_lines, step_picture
 from topokit.report.location import Location
 from topokit.report.verdict import Verdict
@@ -336,7 +337,7 @@ def counted_report(name: str, notes: tuple[str, ...], counted: CountedAnswer) ->
         resolution=counted.resolution,
         per_component=components,
         n_deciding=len(deciding),
-        confidence=1.0 if counted.verdict == "certain" else None,
+        confidence=counted_confidence(counted.verdict),
         placement=counted.placement,
         cut_out_euler=counted.cut_out_euler,
         connectivity_density=counted.connectivity_density,

@@ -1,4 +1,4 @@
-"""The guards around readers: bad data becomes a ReadError, bugs stay bugs, headers are not trusted with memory."""
+"""The guards around readers: what damaged data raises becomes a ReadError, and bugs stay bugs."""
 
 from __future__ import annotations
 

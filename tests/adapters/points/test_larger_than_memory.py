@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import topokit as tk
 from topokit.adapters.points import adapter, larger_than_memory
 from topokit.adapters.points.entry import FORMATS
-from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
+from topokit.adapters.points.stored_clouds import Block, Cloud, MappedCloud, StoredCloud
 from topokit.adapters.points.text import layout_of, read_rows, read_table
 from topokit.core.cloud.sampling.larger_than_memory import reduced
 from topokit.core.cloud.sampling.one_point_per_cell import Cells, joined

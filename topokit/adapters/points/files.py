@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topokit.adapters.points.entry import FORMATS, POINTS, TEXT, is_obj_cloud
-from topokit.adapters.points.stored import NAMES, Cloud, MappedCloud, StoredCloud, split, whole
+from topokit.adapters.points.stored_clouds import NAMES, Cloud, MappedCloud, StoredCloud, split, whole
 from topokit.adapters.points.text import Layout, TextCloud
 from topokit.core.arrays import Floats
 from topokit.errors import FOR_MESHES, ReadError, requiring

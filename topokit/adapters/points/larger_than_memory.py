@@ -13,7 +13,7 @@ import torch
 
 from topokit.adapters.points.entry import FORMATS
 from topokit.adapters.points.invalid_rows import dropped_points, invalid_normals, valid_in_block
-from topokit.adapters.points.stored import Block, Cloud, MappedCloud, StoredCloud
+from topokit.adapters.points.stored_clouds import Block, Cloud, MappedCloud, StoredCloud
 from topokit.core.blocks.on_dask import joined_on_cluster
 from topokit.core.cloud.sampling.larger_than_memory import ReducedCloud, reduced
 from topokit.core.cloud.sampling.one_point_per_cell import Cells, joined

@@ -14,7 +14,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from topokit.adapters.points.stored import Block, Cloud, StoredCloud
+from topokit.adapters.points.stored_clouds import Block, Cloud, StoredCloud
 from topokit.errors import MissingDependencyError, ReadError, requiring, summary
 from topokit.inputs.files import head
 from topokit.inputs.reading import reading

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from topokit.adapters.points.stored import Block, Cloud, StoredCloud
+from topokit.adapters.points.stored_clouds import Block, Cloud, StoredCloud
 from topokit.core.arrays import Floats
 from topokit.errors import ReadError, requiring
 from topokit.inputs.reading import reading

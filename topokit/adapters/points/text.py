@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topokit.adapters.points.stored import LOOKED_AT, NAMES, Block, Cloud, StoredCloud, are_normals, split
+from topokit.adapters.points.stored_clouds import LOOKED_AT, NAMES, Block, Cloud, StoredCloud, are_normals, split
 from topokit.core.arrays import Floats
 from topokit.errors import ReadError
 from topokit.inputs.files import head

@@ -108,7 +108,7 @@ def test_a_script_needs_no_guard() -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe is another error there")
 def test_a_process_whose_parent_has_ended_says_nothing() -> None:
-    command = [sys.executable, "-c", "from topokit.batch.worker import main; main()"]
+    command = [sys.executable, "-c", "from topokit.batch.worker_process import main; main()"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as worker:
         assert worker.stdin is not None

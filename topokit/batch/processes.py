@@ -23,7 +23,7 @@ from typing import IO, Any, TypeVar
 import cloudpickle
 
 from topokit.batch.limits import NO_LIMITS, Limits, memory_of, watched
-from topokit.batch.worker import LENGTH_BYTES, import_what_is_needed
+from topokit.batch.worker_process import LENGTH_BYTES, import_what_is_needed
 from topokit.core.processors import n_cores
 from topokit.ending import finally_do
 from topokit.errors import InputError, summary
@@ -32,7 +32,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 _AHEAD = 1024  # tasks begun behind one that is not done: enough to work on, few enough to hold until they are in order
-_START = "import sys; sys.path[:] = {path!r}; from topokit.batch.worker import main; main()"
+_START = "import sys; sys.path[:] = {path!r}; from topokit.batch.worker_process import main; main()"
 # A process group of its own: an interrupt from the keyboard goes to a whole group, and the parent ends its workers.
 _APART: dict[str, Any] = {"creationflags": 0x200} if sys.platform == "win32" else {"process_group": 0}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from topokit.batch.dispatch import examine_each, in_order
 from topokit.batch.distribution import SurveySummary, TopologyDistance, summarize, topology_distance
 from topokit.batch.examine import COLUMNS, Answer, Options, Questions, Row, called
 from topokit.batch.journal import Journal, plain_options, stamps_of
@@ -17,7 +18,6 @@ from topokit.batch.limits import NO_LIMITS, Limits
 from topokit.batch.names import name_as_data, names_in_common_folder
 from topokit.batch.sources import Paths, Sources, find_sources
 from topokit.batch.widths import width_columns
-from topokit.batch.workers import examine_each, in_order
 from topokit.ending import written_whole
 from topokit.errors import InputError, requiring
 from topokit.inputs.remote import is_address

@@ -12,12 +12,12 @@ from typing import Any, Literal, TextIO
 
 import typer
 
+from topokit.batch.dispatch import examine_each, in_order
 from topokit.batch.examine import Answer, Questions, Row, called
 from topokit.batch.journal import Journal, Record, stamps_of
 from topokit.batch.names import names_in_common_folder
 from topokit.batch.sources import Source, Sources
 from topokit.batch.survey import entry
-from topokit.batch.workers import examine_each, in_order
 from topokit.cli.conditions import Condition, needs_places, require_known
 from topokit.cli.options import Opener
 from topokit.cli.request import Request, Work, is_same, sources_of

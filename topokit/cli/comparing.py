@@ -10,11 +10,11 @@ from typing import Annotated, Any, Literal, TextIO
 
 import typer
 
+from topokit.batch.dispatch import ask_each
 from topokit.batch.examine import Answer
 from topokit.batch.journal import Journal, Record, plain_options, stamps_of
 from topokit.batch.names import name_as_data
 from topokit.batch.sources import Source, Sources
-from topokit.batch.workers import ask_each
 from topokit.cli.answers import Coming, answer_sources, names_on_terminal
 from topokit.cli.bundle import takes_bundles
 from topokit.cli.conditions import Condition, parse_conditions

@@ -1,4 +1,4 @@
-"""The order in which faces run around their corners: which disagree with their neighbors."""
+"""Faces that run around their corners in the opposite order of their neighbors."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from topokit.core.grid.grid import Grid
 from topokit.core.implicit.adaptive_grid import dense_field
 from topokit.core.implicit.blockwise import Blocks
 from topokit.core.implicit.convergence import ConvergenceStudy, convergence_study
-from topokit.core.implicit.unseen import carries_distance
+from topokit.core.implicit.unseen_parts import carries_distance
 
 BOX = ((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0))
 ROUGH: dict[str, Any] = {"bounds": BOX, "resolution": 128}

@@ -38,7 +38,7 @@ from topokit.core.implicit.level_set import (
     outward_normals,
     project,
 )
-from topokit.core.implicit.unseen import carries_distance, count_hidden
+from topokit.core.implicit.unseen_parts import carries_distance, count_hidden
 from topokit.core.progress import stages
 from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface

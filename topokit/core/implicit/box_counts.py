@@ -18,7 +18,7 @@ from torch.nn.functional import pad
 from topokit.core.blocks.cubes import cube_tables
 from topokit.core.grid.euler import at_least_single, critical_index
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Box, Refined, over_cells
-from topokit.core.implicit.unseen import lone_vertices
+from topokit.core.implicit.unseen_parts import lone_vertices
 
 ReachedFaces = tuple[tuple[bool, bool], ...]
 

@@ -15,7 +15,7 @@ from topokit.core.grid.tau import typical_step
 from topokit.core.implicit.adaptive_grid import NONE, AdaptiveField, Evaluate, refine_grid
 from topokit.core.implicit.blockwise import ONE_BY_ONE, Blocks, Refinements, next_grid
 from topokit.core.implicit.box_counts import ReachedFaces, rounded, value_of
-from topokit.core.implicit.unseen import count_unseen, lone_vertices
+from topokit.core.implicit.unseen_parts import count_unseen, lone_vertices
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,9 @@ from .plugins.adapter import Adapter
 from .plugins.registry import list_adapters, load, refresh_adapters, register_adapter
 from .questions import euler, genus, report
 from .repair.enforce import enforce
+from .report.counted import CountedAnswer
 from .report.location import Location
-from .report.report import CountedAnswer, Evidence, TopologyReport
+from .report.report import Evidence, TopologyReport
 from .shape import Shape
 
 __version__: str

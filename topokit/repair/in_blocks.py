@@ -28,8 +28,8 @@ from topokit.repair.volumes import (
     simplified_field,
     with_values_of_the_nearest,
 )
+from topokit.report.counted import CountedAnswer
 from topokit.report.progress import progress_bar
-from topokit.report.report import CountedAnswer
 from topokit.report.simplification import Unsettled
 from topokit.shape import Shape
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.certificate.proof import Place, Proof
 from topokit.core.surface import TriangleSurface
-from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.counted import CountedAnswer
+from topokit.report.report import Evidence
 from topokit.report.verdict import Verdict, proof_verdict
 from topokit.report.wording import plural, position
 

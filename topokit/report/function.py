@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.convergence import ConvergenceStudy
-from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.counted import CountedAnswer
+from topokit.report.report import Evidence
 from topokit.report.verdict import function_verdict
 from topokit.report.wording import plural
 

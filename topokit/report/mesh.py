@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from topokit.core.mesh.topology import MeshTopology
-from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.counted import CountedAnswer
+from topokit.report.report import Evidence
 from topokit.report.verdict import Verdict, mesh_verdict
 from topokit.report.wording import plural, position
 

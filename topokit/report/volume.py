@@ -5,7 +5,8 @@ from __future__ import annotations
 from topokit.core.blocks.whole import CountedVolume
 from topokit.core.grid.euler import dual_connectivity
 from topokit.core.grid.placement import Placement
-from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.counted import CountedAnswer
+from topokit.report.report import Evidence
 from topokit.report.verdict import volume_verdict
 from topokit.report.wording import plural
 

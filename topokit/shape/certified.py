@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from topokit.errors import InputError
 from topokit.report.certificate import Certificate
-from topokit.report.report import CountedAnswer, TopologyReport, counted_report
+from topokit.report.counted import CountedAnswer, counted_report
+from topokit.report.report import TopologyReport
 
 if TYPE_CHECKING:
     from topokit.shape.shape import Shape

@@ -17,8 +17,8 @@ from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_samples
 from topokit.errors import InputError
+from topokit.report.counted import CountedAnswer
 from topokit.report.examination import Examination, solid_eulers
-from topokit.report.report import CountedAnswer
 
 Measured = TypeVar("Measured")
 GivenSamples = SurfaceSamples | Callable[[], SurfaceSamples]

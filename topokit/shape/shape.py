@@ -21,8 +21,9 @@ from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
 from topokit.report.cloud import cloud_report, with_doubts
+from topokit.report.counted import CountedAnswer, counted_report
 from topokit.report.examination import outward_samples
-from topokit.report.report import CountedAnswer, TopologyReport, counted_report, known_genus
+from topokit.report.report import TopologyReport, known_genus
 from topokit.report.simplification import Simplification
 from topokit.shape import estimates, facts, outputs
 from topokit.shape.certified import Bounded, certified_report, certify

@@ -44,9 +44,9 @@ from topokit.core.samples import SurfaceSamples
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, Option
 from topokit.report.certificate import Certificate, certificate, with_proof
+from topokit.report.counted import CountedAnswer
 from topokit.report.function import function_answer
 from topokit.report.progress import progress_bar
-from topokit.report.report import CountedAnswer
 
 Bounds = tuple[Corner, Corner]
 COARSEST = 64  # cells of the grid that is evaluated at every vertex

@@ -41,7 +41,7 @@ from topokit.inputs.calls import options_by_name
 from topokit.inputs.files import existing_file, user_path
 from topokit.inputs.remote import lies_in, takes_addresses
 from topokit.inputs.unpacking import unpacked
-from topokit.report.report import CountedAnswer
+from topokit.report.counted import CountedAnswer
 from topokit.report.volume import volume_answer
 from topokit.shape import Shape
 

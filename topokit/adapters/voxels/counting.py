@@ -24,7 +24,7 @@ from topokit.core.blocks.whole import counted_volume
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, Option
-from topokit.report.report import CountedAnswer
+from topokit.report.counted import CountedAnswer
 from topokit.report.volume import volume_answer
 from topokit.report.wording import plural
 

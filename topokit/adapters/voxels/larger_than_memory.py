@@ -23,7 +23,7 @@ from topokit.errors import InputError, NoSamplesError
 from topokit.inputs.files import user_path
 from topokit.inputs.remote import is_address
 from topokit.inputs.unpacking import is_temporary
-from topokit.report.report import CountedAnswer
+from topokit.report.counted import CountedAnswer
 from topokit.shape import Shape
 
 MOST_IN_MEMORY = 1 << 27  # voxels up to which a stored volume is read as a whole: at most 1 GiB of float64

@@ -16,7 +16,8 @@ from topokit.core.grid.grid import Grid
 from topokit.core.grid.minkowski import minkowski_numbers
 from topokit.core.grid.placement import Placement
 from topokit.errors import InputError, NoSamplesError
-from topokit.report.report import CountedAnswer, Evidence
+from topokit.report.counted import CountedAnswer
+from topokit.report.report import Evidence
 from topokit.report.verdict import volume_verdict
 from topokit.report.wording import plural
 from topokit.shape import Shape

@@ -23,7 +23,8 @@ import numpy as np
 import torch
 import trimesh
 from confidence import read_rows
-from sampling_patterns import N_POINTS, PATTERNS, Draw, Floats, at, noisy, samples_of, solids, turned
+from planted import at
+from sampling_patterns import N_POINTS, PATTERNS, Draw, Floats, noisy, samples_of, solids, turned
 from scale_truth import right_at_scale
 from trimesh.creation import icosphere, torus
 

@@ -26,8 +26,7 @@ import torch
 import trimesh
 from confidence import clean_meshes, read_rows
 from numpy.typing import NDArray
-from open3d.t.geometry import RaycastingScene
-from scale_truth import mesh_of
+from scale_truth import mesh_of, raycaster
 from skimage.measure import marching_cubes
 
 import topokit as tk
@@ -113,9 +112,7 @@ def hole_width(mesh: trimesh.Trimesh, side: Callable[[Floats], Floats]) -> float
         return 0.0  # the hole is narrower than the grid sees
     grid = value.reshape([len(tick) for tick in ticks])
     places = marching_cubes(grid, 0.0, spacing=(step,) * 3)[0] + [tick[0] for tick in ticks]
-    scene = RaycastingScene()
-    scene.add_triangles(np.float32(mesh.vertices), np.uint32(mesh.faces))
-    depth = -scene.compute_signed_distance(np.float32(places)).numpy()
+    depth = -raycaster(mesh).compute_signed_distance(np.float32(places)).numpy()
     return 2 * max(float(depth.max()), 0.0)
 
 

@@ -70,7 +70,7 @@ def perforated(rng: np.random.Generator, spacing: float) -> Planted:
     widths = _widths(rng, spacing, len(places), 0.7 * pitch)
     thick = float(np.exp(rng.uniform(np.log(2 * spacing), np.log(0.5)))) if 2 * spacing < 0.5 else 0.5
     holes = [
-        cylinder(width / 2, 2 * thick, sections=_SIDES, transform=_moved(*place, 0))
+        cylinder(width / 2, 2 * thick, sections=_SIDES, transform=at(*place, 0))
         for width, place in zip(widths, places, strict=True)
     ]
     return _planted(_cut(box((1.0, 1.0, thick)), holes), widths, 2)
@@ -82,10 +82,10 @@ def ladder(rng: np.random.Generator, spacing: float) -> Planted:
     widths = _widths(rng, spacing, len(places), 0.6 * pitch)
     widths[0] = min(WIDEST * spacing, 0.6 * pitch)
     rods = [
-        cylinder(width / 2, 0.5, sections=_SIDES, transform=_moved(*(0.9 * place), 0))
+        cylinder(width / 2, 0.5, sections=_SIDES, transform=at(*(0.9 * place), 0))
         for width, place in zip(widths, places, strict=True)
     ]
-    blocks = [box((1.0, 1.0, 0.3), transform=_moved(0, 0, z)) for z in (-0.35, 0.35)]
+    blocks = [box((1.0, 1.0, 0.3), transform=at(0, 0, z)) for z in (-0.35, 0.35)]
     return _planted(_joined([*blocks, *rods]), widths, 2)
 
 
@@ -95,7 +95,7 @@ def gaps(rng: np.random.Generator, spacing: float) -> Planted:
     widths = _widths(rng, spacing, count, 0.3)
     frame = _cut(box((1.0, 1.0, 0.2)), [box((0.8, 0.8, 0.4))])
     bars = [
-        box((0.85 - width, 0.06, 0.1), transform=_moved(-0.45 + (0.85 - width) / 2, y, 0))
+        box((0.85 - width, 0.06, 0.1), transform=at(-0.45 + (0.85 - width) / 2, y, 0))
         for width, y in zip(widths, np.linspace(-0.3, 0.3, count), strict=True)
     ]
     return _planted(_joined([frame, *bars]), widths, -2)
@@ -161,11 +161,11 @@ def shell(rng: np.random.Generator, spacing: float) -> Planted:
 def slotted(rng: np.random.Generator, spacing: float) -> Planted:
     """A box without a lid, with thin walls and a hole in each of some walls."""
     wall = float(_widths(rng, spacing, 1, 0.2)[0])
-    cup = _cut(box((1.0, 1.0, 0.8)), [box((1 - 2 * wall, 1 - 2 * wall, 0.8), transform=_moved(0, 0, wall))])
+    cup = _cut(box((1.0, 1.0, 0.8)), [box((1 - 2 * wall, 1 - 2 * wall, 0.8), transform=at(0, 0, wall))])
     count = int(rng.integers(0, 3))
     widths = _widths(rng, spacing, count, 0.4)
     holes = [
-        cylinder(width / 2, 0.6, sections=_SIDES, transform=_moved(x, 0, -0.4))
+        cylinder(width / 2, 0.6, sections=_SIDES, transform=at(x, 0, -0.4))
         for width, x in zip(widths, (-0.25, 0.25), strict=False)
     ]
     mesh = _cut(cup, holes)
@@ -193,7 +193,8 @@ def planted(family: str, seed: int, n_points: int) -> Planted:
     return found
 
 
-def _moved(x: float, y: float, z: float) -> Floats:
+def at(x: float, y: float, z: float) -> Floats:
+    """The matrix (4, 4) of a shift."""
     return np.asarray(trimesh.transformations.translation_matrix((x, y, z)))
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import trimesh
 from confidence import farthest
 from numpy.typing import NDArray
+from planted import at
 from scale_truth import raycaster
 from scipy.spatial.transform import Rotation
 from skimage.measure import marching_cubes
 from trimesh.creation import annulus, box, cylinder, torus
 from trimesh.intersections import mesh_multiplane
-from trimesh.transformations import translation_matrix
 
 from topokit.testing.meshes import genus_mesh
 
@@ -25,11 +25,6 @@ Floats = NDArray[np.float64]
 Draw = np.random.Generator
 
 N_POINTS = 10_000
-
-
-def at(x: float, y: float, z: float) -> Floats:
-    """The matrix (4, 4) of a shift."""
-    return np.asarray(translation_matrix((x, y, z)))
 
 
 def drilled_plate() -> trimesh.Trimesh:

@@ -44,15 +44,19 @@ from topokit.core.progress import stages
 
 
 def reconstruct_again(before: Reconstruction, settings: CloudSettings) -> Reconstruction:
-    """The same if all votes agree or if no surface shows; else what more, shifted or smoothed samples add."""
+    """The same if all votes agree, or if no surface shows or it has holes; else what more or moved samples add.
+
+    Whether the answer about a surface with holes is likely does not depend on the votes.
+    """
     euler, share = tally(before.votes)
     is_unanimous = share == 1
-    is_noisy = before.found is not None and before.found.coverage < settings.orientation.interpolating
+    is_rough = before.quality.roughness > settings.quality.clean
+    is_noisy = is_rough and before.found is not None and before.found.coverage < settings.orientation.interpolating
     if is_noisy and before.cloud.samples.is_all:
         return before if is_unanimous and not before.lids else _with_less_noise(before, settings)
     is_hidden = not before.has_given_signs and before.quality.coverage < settings.orientation.hidden
     has_converged = share_of(euler, values_of(before.votes, "coarse cut")) == 1
-    if is_hidden or (is_unanimous and has_converged):
+    if before.lids or is_hidden or (is_unanimous and has_converged):
         return before
     closer = _with_all_points_in_doubt(before, settings)
     return closer or (before if is_unanimous else _with_shifts(before, settings))

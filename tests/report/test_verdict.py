@@ -242,7 +242,7 @@ def test_opacity_contradicts_a_likely_integer_if_it_shows_finer_features() -> No
 
 
 def test_clouds_with_lids_or_with_curves_and_no_solid_are_open() -> None:
-    lid = a_witness(lids=(UncoveredPatch(30.0, np.arange(3), np.arange(1)),))
+    lid = a_witness(lids=(UncoveredPatch(30.0, 30.0, np.arange(3), np.arange(1)),))
     assert lids(lid) == lid.lids
     assert lids(None) == ()
     assert is_open(rim(), lid)
@@ -258,7 +258,7 @@ def test_lids_that_are_most_of_the_surface_close_no_solid() -> None:
     n_used = a_witness().n_used
     covered = n_used * share / (1 - share)
     for factor, is_solid in ((0.99, True), (1.01, False)):
-        witness = a_witness(lids=(UncoveredPatch(factor * covered, np.arange(3), np.arange(1)),))
+        witness = a_witness(lids=(UncoveredPatch(factor * covered, 0.0, np.arange(3), np.arange(1)),))
         assert is_mostly_seen(witness) is is_solid
         assert is_sheet(witness) is not is_solid
 

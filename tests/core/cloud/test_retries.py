@@ -18,6 +18,7 @@ from topokit.core.cloud.settings import CloudSettings, QualitySettings, Sampling
 from topokit.core.cloud.solid.tetrahedra import cut_complex
 from topokit.core.cloud.votes import Vote, values_of
 from topokit.core.cloud.witness import Witness, global_witness
+from topokit.testing import sphere_samples
 
 Floats = NDArray[np.float64]
 SETTINGS = CloudSettings()
@@ -97,6 +98,26 @@ def test_found_normals_are_corrected_where_votes_differ() -> None:
     assert {vote.family for vote in witness.votes} >= {"cut", "shifted cut"}
     assert witness.euler == 0
     assert witness.agreement > 0.9
+
+
+def test_a_surface_with_holes_is_not_looked_at_again() -> None:
+    plate, _ = plate_with_hole(2_000, 0.06)
+    cap = sphere_samples(4_000, generator=torch.Generator().manual_seed(0)).points.numpy()
+    both = torch.from_numpy(np.concatenate((plate, cap[cap[:, 2] < 0.5] + [4.0, 0.0, 0.0])))
+    witness = global_witness(both)
+    assert witness.lids is not None
+    assert len(witness.lids) == 1
+    assert witness.agreement < 1
+    assert "shifted cut" not in {vote.family for vote in witness.votes}
+
+
+def test_samples_without_noise_are_not_smoothed_where_the_surface_misses_them() -> None:
+    angle, across = np.random.default_rng(0).uniform([0, -0.2], [2 * np.pi, 0.2], (3_000, 2)).T
+    radius = 1 + across * np.cos(angle / 2)
+    strip = np.stack((radius * np.cos(angle), radius * np.sin(angle), across * np.sin(angle / 2)), axis=1)
+    witness = global_witness(torch.from_numpy(strip))
+    assert witness.quality.coverage < 0.97
+    assert not witness.is_smoothed
 
 
 def test_noise_leaves_samples_where_they_are() -> None:

@@ -112,8 +112,18 @@ class Reconstruction:
         own, cloud = self.settings.quality, self.cloud
         normals = cloud.normals[cloud.samples.kept]
         patches = uncovered_patches(cloud.complex_, self.cut.inside, cloud.points, normals, own)
-        least = own.lid * (self._feature / own.feature) ** 2
-        return tuple(patch for patch in patches if patch.missing > least)
+        return tuple(patch for patch in patches if patch.missing > self._least_missing)
+
+    @property
+    def has_holes(self) -> bool:
+        """Whether so many samples are missing where no point is near, so that no other cut can do without that lid."""
+        return any(patch.empty > self._least_missing for patch in self.lids)
+
+    @property
+    def _least_missing(self) -> float:
+        """Samples missing from a lid over a hole, more than these."""
+        own = self.settings.quality
+        return own.lid * (self._feature / own.feature) ** 2
 
     @property
     def resolution(self) -> float:

@@ -56,7 +56,7 @@ def reconstruct_again(before: Reconstruction, settings: CloudSettings) -> Recons
         return before if is_unanimous and not before.lids else _with_less_noise(before, settings)
     is_hidden = not before.has_given_signs and before.quality.coverage < settings.orientation.hidden
     has_converged = share_of(euler, values_of(before.votes, "coarse cut")) == 1
-    if before.lids or is_hidden or (is_unanimous and has_converged):
+    if before.has_holes or is_hidden or (is_unanimous and has_converged):
         return before
     closer = _with_all_points_in_doubt(before, settings)
     return closer or (before if is_unanimous else _with_shifts(before, settings))

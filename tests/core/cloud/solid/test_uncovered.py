@@ -45,6 +45,7 @@ def test_a_lid_misses_as_many_samples_as_its_area_would_hold() -> None:
     lid = patches_of(kept, kept)[0]
     disc = 4000 * math.pi * (1 - 0.8**2) / (4 * math.pi)  # the flat lid is a disc of radius 0.6
     assert 0.5 * disc < lid.missing < disc  # spacings at a rim, where half of the neighbors are missing, are too wide
+    assert 0.8 * lid.missing < lid.empty <= lid.missing
     assert kept[lid.samples][:, 2].min() > 0.8 - 0.1
 
 
@@ -84,4 +85,5 @@ def test_the_end_of_a_cut_wall_faces_where_no_sample_does() -> None:
     kept = points[:, 0] < 10
     lid = patches_of(points[kept], normals[kept])[0]
     assert RANDOM < lid.missing < 40 * 2.5
+    assert lid.empty < RANDOM
     assert points[kept][lid.samples][:, 0].min() > 10 - 4

@@ -28,11 +28,13 @@ class UncoveredPatch:
 
     Attributes:
         missing: its area in squared local spacings: about as many samples would be expected there.
+        empty: the same of its facets that no point of the cloud is near: a gap, not a wall that was cut through.
         samples: (M,), indices of the samples at its corners.
         facets: (L,), rows of the cut's separating facets, which are the faces of its `CutSurface`.
     """
 
     missing: float
+    empty: float
     samples: Integers
     facets: Integers
 
@@ -61,12 +63,13 @@ def uncovered_patches(
     wide = np.flatnonzero(radius > limit)  # no place of a facet is farther from all samples than from its corners
     distance = cKDTree(complex_.normalized(cloud)).query(place[wide])[0]
     cosine = np.einsum("fa,fka->fk", complex_.facet_normal[tetrahedron, corner], normals[facets]).mean(1)
-    found = np.union1d(wide[distance > limit[wide]], np.flatnonzero(cosine < settings.facing))
+    far = wide[distance > limit[wide]]
+    found = np.union1d(far, np.flatnonzero(cosine < settings.facing))
     patch = _across_edges(facets[found])
-    expected = complex_.facet_area[tetrahedron, corner] * (own**2).sum(1) / (around**2).sum(1)
-    missing = np.bincount(patch, expected[found])
+    expected = (complex_.facet_area[tetrahedron, corner] * (own**2).sum(1) / (around**2).sum(1))[found]
+    missing, empty = np.bincount(patch, expected), np.bincount(patch, expected * np.isin(found, far))
     return tuple(
-        UncoveredPatch(float(missing[number]), np.unique(facets[rows]), rows)
+        UncoveredPatch(float(missing[number]), float(empty[number]), np.unique(facets[rows]), rows)
         for number in np.argsort(-missing, kind="stable")
         for rows in (found[patch == number],)
     )

@@ -14,7 +14,7 @@ from torch import Tensor
 from zoo import ZOO, sphere
 
 import topokit as tk
-from topokit.core.mesh.enclosed_solid import enclosed_solid
+from topokit.core.mesh.solid_by_winding import enclosed_solid
 from topokit.losses import WindingLoss
 
 SIZES = [60, pytest.param(2000, marks=pytest.mark.long)]

@@ -14,7 +14,7 @@ from .core.handles.handle import Handle
 from .core.local.curvature import Curvature, CurvatureSettings
 from .core.loops import BoundaryLoop
 from .core.mesh.defects import Defect
-from .core.mesh.enclosed_solid import EnclosedSolid
+from .core.mesh.solid_by_winding import EnclosedSolid
 from .core.samples import SurfaceSamples
 from .errors import (
     AdapterError,

@@ -1,6 +1,7 @@
 """The formats of a representation as rows of one table, and which of them a file has: by content, else by suffix.
 
-A row says how a format is recognized, who reads it and what that needs. A table imports no reader: it names them.
+A row says how a format is recognized, who reads it and what that needs. A table imports no reader: it names them. Which
+representation a file is, if several could read it, is decided in `topokit.plugins.adapter_choice`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from topokit.core.components import SurfaceComponent
 from topokit.core.grid.minkowski import MinkowskiNumbers
 from topokit.core.grid.placement import Placement
 from topokit.core.loops import BoundaryLoop, width_of
-from topokit.core.mesh.enclosed_solid import EnclosedSolid
+from topokit.core.mesh.solid_by_winding import EnclosedSolid
 from topokit.core.scale.features import SolidCounts, SolidFeatures
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.errors import GenusError, InputError

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from topokit.core.mesh.enclosed_solid import EnclosedSolid, enclosed_solid
+from topokit.core.mesh.solid_by_winding import EnclosedSolid, enclosed_solid
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import overlaps
 from topokit.shape.facts import minkowski

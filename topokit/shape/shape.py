@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, Self
 import torch
 from torch import Tensor
 
-from topokit.core.cloud.sampling.downsampling import Criterion
-from topokit.core.cloud.sampling.fewer_samples import fewer_samples
+from topokit.core.cloud.sampling.downsampling import Criterion, fewer_samples
 from topokit.core.grid.field import Field
 from topokit.core.grid.winding_field import regularized_samples
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS

@@ -17,7 +17,7 @@ from torch import Tensor
 from topokit.adapters.mesh.counting import count_mesh
 from topokit.adapters.mesh.files import read_mesh
 from topokit.adapters.mesh.polygons import triangles
-from topokit.core.cloud.sampling.fewer_samples import fewer_samples
+from topokit.core.cloud.sampling.downsampling import fewer_samples
 from topokit.core.draws import check_sample_count, deferred_seed
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.mesh.defects import mesh_defects

@@ -1,4 +1,7 @@
-"""Zarr volumes of any size, in folders and at addresses: OME-Zarr's levels, and sizes held against what is stored."""
+"""Zarr volumes of any size, in folders and at addresses: OME-Zarr's levels, and sizes held against what is stored.
+
+They are read box by box as any of `stored_volumes`; `larger_than_memory` counts those that do not fit there.
+"""
 
 from __future__ import annotations
 

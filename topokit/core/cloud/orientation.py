@@ -19,7 +19,7 @@ from torch import Tensor
 from topokit.core.arrays import Booleans, Floats
 from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.cloud.normals.patches import Neighborhoods, turned_towards, unit
-from topokit.core.cloud.sampling.sampler import Samples
+from topokit.core.cloud.sampling.samples_of_large_clouds import Samples
 from topokit.core.cloud.settings import CloudSettings, OrientationSettings
 from topokit.core.cloud.solid.poles import normals_by_poles
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, surface_normals

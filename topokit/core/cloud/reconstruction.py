@@ -12,7 +12,7 @@ from topokit.core.cloud.normals.creases import find_faces
 from topokit.core.cloud.normals.patches import Patches, turned_towards
 from topokit.core.cloud.normals.propagation import propagate_signs
 from topokit.core.cloud.orientation import Orientation, orient_samples
-from topokit.core.cloud.sampling.sampler import Sampler
+from topokit.core.cloud.sampling.samples_of_large_clouds import Sampler
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.tetrahedra import Cut
 from topokit.core.cloud.solid.uncovered import UncoveredPatch, uncovered_patches

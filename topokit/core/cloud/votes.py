@@ -28,7 +28,7 @@ from topokit.core.cloud.normals.patches import (
 )
 from topokit.core.cloud.sampling.cube_hierarchy import curve_order
 from topokit.core.cloud.sampling.downsampling import thin_along_curve
-from topokit.core.cloud.sampling.sampler import Sampler, Samples
+from topokit.core.cloud.sampling.samples_of_large_clouds import Sampler, Samples
 from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.counts import solid_eulers
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, delaunay_complex

@@ -1,4 +1,7 @@
-"""How often closed surfaces of triangles wind around points: 1 inside, 0 outside."""
+"""How often closed surfaces of triangles wind around points: 1 inside, 0 outside. Exact.
+
+That of meshes that are not closed is approximated on a grid, in `solid_by_winding`.
+"""
 
 from __future__ import annotations
 

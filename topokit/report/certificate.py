@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from topokit.core.components import Corner, CountedComponents
-from topokit.core.implicit.certificate.proof import Place, Proof
 from topokit.core.surface import TriangleSurface
 from topokit.report.counted import CountedAnswer
 from topokit.report.report import Evidence
 from topokit.report.verdict import Verdict, proof_verdict
 from topokit.report.wording import plural, position
+
+if TYPE_CHECKING:
+    from topokit.core.implicit.certificate.proof import Place, Proof
 
 _SHOWN = 3  # places in the statement
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from topokit.core.blocks.periodic import PeriodicSolid
 from topokit.core.components import CountedComponents
 from topokit.core.grid.minkowski import MinkowskiNumbers
 from topokit.core.grid.placement import Placement
 from topokit.report.confidence import counted_confidence
 from topokit.report.report import Evidence, TopologyReport
 from topokit.report.verdict import Verdict
+
+if TYPE_CHECKING:
+    from topokit.core.blocks.periodic import PeriodicSolid
 
 
 @dataclass(frozen=True)

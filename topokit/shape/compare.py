@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from topokit.comparison.result import Comparison, Matching
-from topokit.comparison.solids import compare_solids, connectivity_of
 from topokit.core.arrays import Booleans, Floats
 from topokit.core.components import corner
 from topokit.core.grid.field import Field
 from topokit.core.grid.grid import Grid
-from topokit.core.mesh.rasterized import rasterized
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError
 from topokit.shape.surface import closed_surface
@@ -51,6 +49,10 @@ def compare(
     Raises:
         InputError: if a shape has no closed surface (see `Shape.surface`), or two volumes differ in connectivity.
     """
+    # Imported where they are needed: they load numba.
+    from topokit.comparison.solids import compare_solids, connectivity_of
+    from topokit.core.mesh.rasterized import rasterized
+
     names, connectivity = (shape.name, other.name), connectivity_of(matching, connectivity)
     mine, theirs = shape.field, other.field
     if mine is not None and theirs is not None and _on_one_grid(mine, theirs):

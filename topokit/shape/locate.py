@@ -10,7 +10,6 @@ from itertools import islice
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from topokit.core.grid.placement import Placement
-from topokit.core.handles.find import find_handles
 from topokit.core.handles.handle import Handle
 from topokit.core.loops import middle
 from topokit.core.mesh.defects import Defect
@@ -126,5 +125,7 @@ def handles(shape: Shape) -> tuple[Handle[Shape], ...]:
         >>> round(handle.handle_length, 1), round(handle.tunnel_length, 1)  # 2π · 0.4 and 2π · (1 − 0.4)
         (2.5, 3.8)
     """
+    from topokit.core.handles.find import find_handles  # loads numba and SciPy's optimization
+
     surface, made = closed_surface(shape), partial(pkgutil.resolve_name("topokit.repair.meshes:mesh_like"), shape)
     return tuple(find_handles(surface.vertices, mesh_topology(surface.vertices, surface.faces), made))

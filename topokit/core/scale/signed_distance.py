@@ -12,7 +12,6 @@ from scipy.ndimage import distance_transform_edt
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import corner
 from topokit.core.grid.grid import Grid
-from topokit.core.mesh.rasterized import rasterized
 from topokit.core.surface import TriangleSurface
 
 Values = NDArray[np.float32]
@@ -69,6 +68,8 @@ def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:
     margin = cell * np.asarray(_MARGIN)
     low, high = corners.min((0, 1)) - margin, corners.max((0, 1)) + margin
     x, y, z = (np.ceil((high - low) / cell) + 1).astype(int).tolist()
+    from topokit.core.mesh.rasterized import rasterized  # loads numba
+
     inside = rasterized(surface, Grid((x, y, z), (cell, cell, cell), corner(low)))
     values, samples = _distances((corners - low) / cell, inside)
     np.negative(values, out=values, where=inside)

@@ -154,10 +154,15 @@ def test_widths_are_columns_of_rows_tables_and_files(tmp_path: Path) -> None:
     assert all(set(NARROWEST) <= row.keys() for row in failed)
 
 
-def test_a_page_of_all_files(folder: Path) -> None:
+def test_a_page_of_all_files_and_a_light_one(folder: Path) -> None:
     survey = tk.survey(folder)
-    survey.save_html(folder / "page.html", title="All of them")
-    page = (folder / "page.html").read_text(encoding="utf-8")
+    pages = []
+    for light in (False, True):
+        survey.save_html(folder.parent / "page.html", title="All of them", light=light)
+        pages.append((folder.parent / "page.html").read_text(encoding="utf-8"))
+        assert ("<img" in pages[-1], 'id="scene-' in pages[-1]) == (not light, not light)
+        assert pages[-1].count('class="name"') == 6
+    page = pages[0]
     assert page.count("data:image/webp") == 5
     assert "All of them" in page
     assert "truncated.stl" in page
@@ -219,15 +224,6 @@ def test_a_survey_is_shown_in_notebooks_and_becomes_a_data_frame(folder: Path) -
     assert list(table.columns) == list(COLUMNS)
     assert len(table) == len(survey) == 6
     assert survey._repr_html_().count("<tr>") == 7
-
-
-def test_a_light_page_has_the_table_without_pictures(folder: Path) -> None:
-    survey = tk.survey(folder)
-    for light in (False, True):
-        survey.save_html(folder.parent / "page.html", light=light)
-        page = (folder.parent / "page.html").read_text(encoding="utf-8")
-        assert ("<img" in page, 'id="scene-' in page) == (not light, not light)
-        assert page.count('class="name"') == 6
 
 
 def test_what_is_no_path_is_refused_with_the_way_out(tmp_path: Path) -> None:

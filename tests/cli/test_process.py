@@ -47,7 +47,7 @@ def test_a_pipe_that_closes_ends_quietly(folder: Path, jobs: str) -> None:
 
 @pytest.mark.parametrize("jobs", ["1", pytest.param("2", marks=pytest.mark.long)])
 def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs: str) -> None:
-    files = [folder] * 400
+    files = [folder] * 40
     command = [*TOPOKIT, "report", *files, "--json", "--jobs", jobs]
     with subprocess.Popen(
         command,
@@ -64,15 +64,6 @@ def test_an_interrupt_ends_with_130_and_leaves_whole_results(folder: Path, jobs:
     assert process.returncode == 130
     assert b"Traceback" not in errors
     assert len(json.loads(beginning + rest)) >= 5
-
-
-def test_two_processes_give_the_same_lines(folder: Path) -> None:
-    files = [folder / name for name in ("00.ply", "01.ply", "99.stl")]
-    found = [CliRunner().invoke(app, ["euler", *map(str, files), "--jobs", jobs]) for jobs in ("1", "2")]
-    assert found[0].stdout == found[1].stdout
-    assert found[0].stderr == found[1].stderr
-    assert len(found[0].stdout.splitlines()) == 2
-    assert [one.exit_code for one in found] == [1, 1]
 
 
 def on_a_terminal(*arguments: object, columns: int) -> tuple[int, str]:
@@ -129,13 +120,13 @@ def test_a_terminated_command_keeps_its_rows_and_ends_its_processes(folder: Path
     assert not psutil.wait_procs(workers, timeout=30)[1]
 
 
-def test_limits_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
+def test_limits_of_two_processes_cost_a_row_and_their_values_are_checked(folder: Path) -> None:
     (folder / "50.xyz").write_text("\n".join(f"{n % 97} {n % 89} {n % 83}" for n in range(100_000)))
     options = ["report", *(str(folder / name) for name in ("00.ply", "50.xyz", "01.ply")), "--csv"]
-    found = CliRunner().invoke(app, [*options, "--time-limit", "1"])
+    found = CliRunner().invoke(app, [*options, "--time-limit", "1", "--jobs", "2"])
     rows = list(csv.DictReader(found.stdout.splitlines()))
     assert found.exit_code == 1
-    assert [row["verdict"] for row in rows] == ["certain", "", "certain"]
+    assert [row["verdict"] for row in rows] == ["certain", "", "certain"]  # in the order of the files
     assert f"{folder / '50.xyz'}: it took longer than the time limit of 1 s." in found.stderr
     assert CliRunner().invoke(app, [*options, "--memory-limit", "0"]).exit_code == 2
 

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import importlib
+from types import ModuleType
+
 import numpy as np
 import pytest
 import torch
 from skimage.measure import euler_number, label
 
-pytest.importorskip("monai", reason="the network of the study is MONAI's")
-
 from benchmarks.noisy_masks import FAMILIES, noisy_mask
-from benchmarks.segmentation import images_of, measured, network, table, train
 from benchmarks.segmentation_losses import COMPETITORS, skeleton_recall
 
 SIDES = {2: 48, 3: 24}
+
+
+@pytest.fixture(scope="module")
+def study() -> ModuleType:
+    """Imported by the tests that need it: MONAI takes seconds in every process that collects."""
+    pytest.importorskip("monai", reason="the network of the study is MONAI's")
+    return importlib.import_module("benchmarks.segmentation")
 
 
 @pytest.mark.parametrize("dims", [2, 3])
@@ -31,25 +38,25 @@ def test_masks_have_the_topology_they_say_and_images_are_the_same_for_the_same_s
 
 @pytest.mark.parametrize("dims", [2, 3])
 @pytest.mark.parametrize("name", COMPETITORS)
-def test_a_step_of_each_loss_changes_the_network_as_no_other_does(name: str, dims: int) -> None:
+def test_a_step_of_each_loss_changes_the_network_as_no_other_does(study: ModuleType, name: str, dims: int) -> None:
     one = COMPETITORS[name]
     if dims not in one.dims:
         pytest.skip(f"{name} is not for {dims} dimensions")
     if not one.is_here:
         pytest.skip(f"{name} needs {one.module}, which cannot be imported")
-    data = images_of("trees", dims, SIDES[dims], range(2), "cpu")
+    data = study.images_of("trees", dims, SIDES[dims], range(2), "cpu")
     weights = []
     for weight in (one.weight, 0.0):
-        net = network(dims, 0)
-        (seconds,) = train(net, data, one.make(), weight, steps=1, seed=0, decays=True)
+        net = study.network(dims, 0)
+        (seconds,) = study.train(net, data, one.make(), weight, steps=1, seed=0, decays=True)
         weights.append(torch.cat([parameter.detach().flatten() for parameter in net.parameters()]))
         assert seconds > 0
         assert weights[-1].isfinite().all()
     assert torch.equal(*weights) == (one.weight == 0)
 
 
-def test_a_perfect_segmentation_has_no_errors_and_an_empty_one_misses_every_feature() -> None:
-    data = images_of("sheets", 2, SIDES[2], range(3), "cpu")
+def test_a_perfect_segmentation_has_no_errors_and_an_empty_one_misses_every_feature(study: ModuleType) -> None:
+    data = study.images_of("sheets", 2, SIDES[2], range(3), "cpu")
 
     class Told(torch.nn.Module):
         def __init__(self, masks: torch.Tensor) -> None:
@@ -60,11 +67,11 @@ def test_a_perfect_segmentation_has_no_errors_and_an_empty_one_misses_every_feat
             mask = self.left.pop(0)
             return torch.cat((1 - mask, mask), 1).float()
 
-    right, empty = measured(Told(data.masks), data), measured(Told(0 * data.masks), data)
+    right, empty = study.measured(Told(data.masks), data), study.measured(Told(0 * data.masks), data)
     assert (right["dice"], right["missing"], right["spurious"], right["betti_error"]) == (1, 0, 0, 0)
     n_features = [sum(noisy_mask("sheets", 2, SIDES[2], seed).betti) for seed in range(3)]
     assert empty["missing"] == pytest.approx(np.mean(n_features))
-    assert "| a | 1.000 ± 0.000 |" in table([{"a": right}])
+    assert "| a | 1.000 ± 0.000 |" in study.table([{"a": right}])
 
 
 def test_skeleton_recall_is_the_share_of_the_skeleton_that_is_missed() -> None:

@@ -123,7 +123,7 @@ FAST = ("one place", "NaN island", "1e-30")
 def test_every_question_is_answered_or_refused(name: str, dtype: torch.dtype, tmp_path: Path) -> None:
     """Whatever is raised that is no `TopokitError` ends the test."""
     try:
-        shape = tk.from_points(ZOO[name](400 if name in FAST else 1000).to(dtype))
+        shape = tk.from_points(ZOO[name](250 if name in FAST else 1000).to(dtype))
     except tk.InputError:
         return
     refusals = []

@@ -21,11 +21,11 @@ from topokit.core.neighbors.device import MOST_FOR_ALL_PAIRS
 from topokit.testing import as_on_accelerator, ellipsoid_samples, sphere_samples, torus_samples
 
 Inputs = tuple[Tensor, ...]
-LENGTHS = torch.tensor([300, 220])
+LENGTHS = torch.tensor([120, 90])
 
 
 def clouds(*makes: Callable[..., tk.testing.AnalyticSamples]) -> Inputs:
-    known = [make(300, generator=torch.Generator().manual_seed(7)) for make in makes]
+    known = [make(120, generator=torch.Generator().manual_seed(7)) for make in makes]
     return torch.stack([one.points for one in known]), torch.stack([one.normals for one in known])
 
 

@@ -81,9 +81,9 @@ def test_what_no_block_shows_is_left_and_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize("connectivity", [6, 26])
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_done_to_noise_is_what_counting_says(tmp_path: Path, seed: int, connectivity: int) -> None:
-    noise = gaussian_filter(np.random.default_rng(seed).normal(size=(100, 40, 16)), 1.2)
+    noise = gaussian_filter(np.random.default_rng(seed).normal(size=(60, 30, 16)), 1.2)
     volume = noise > (0.3 - 0.5 * seed) * noise.std()
-    shape = in_blocks(tmp_path, volume, 50 * 40 * 16, connectivity=connectivity)
+    shape = in_blocks(tmp_path, volume, 30 * 30 * 16, connectivity=connectivity)
     before = betti_numbers(volume.astype(float), 0.5, connectivity).tolist()
     done = shape.simplify(below=2.5, out=tmp_path / "out.npy").simplification
     after = betti_numbers(np.load(tmp_path / "out.npy").astype(float), 0.5, connectivity).tolist()
@@ -112,7 +112,7 @@ def test_an_interrupt_or_a_wrong_count_leaves_no_file(
 
 
 def test_where_the_result_goes_must_be_said(tmp_path: Path) -> None:
-    shape = in_blocks(tmp_path, FLAWED)
+    shape = in_blocks(tmp_path, FLAWED[:60], 30**3)
     with pytest.raises(InputError, match="pass out"):
         shape.simplify(below=3)
     with pytest.raises(InputError, match=r"\.npy or \.zarr"):

@@ -109,7 +109,7 @@ def test_agreement_does_not_replace_votes_of_the_samples(alone: tk.TopologyRepor
 @pytest.fixture(scope="module")
 def dense() -> SurfaceSamples:
     """Samples that suffice."""
-    points = trimesh.sample.sample_surface_even(MESH, 4_000, seed=0)[0]
+    points = trimesh.sample.sample_surface_even(MESH, 2_500, seed=0)[0]
     return SurfaceSamples(torch.from_numpy(points.copy()), oriented=False)
 
 
@@ -142,7 +142,7 @@ def torus_splats(has_window: bool) -> tk.GaussianSplats:
     """A torus that stops light, or has that window."""
     from splat_writers import torus_scene
 
-    means, scales, quaternions, _ = (torch.from_numpy(part.copy()).double() for part in torus_scene(6_000))
+    means, scales, quaternions, _ = (torch.from_numpy(part.copy()).double() for part in torus_scene(3_000))
     rows = away_from_window(means) if has_window else torch.ones(len(means), dtype=torch.bool)
     opacities = torch.full((len(means),), 0.9, dtype=torch.float64)
     return tk.GaussianSplats(means, 1.6 * scales, quaternions, opacities)[rows]

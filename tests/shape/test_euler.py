@@ -38,8 +38,8 @@ def of_points(points: Tensor) -> tk.Shape:
 LEAVES: dict[str, tuple[Callable[[], Tensor], Callable[[Tensor], tk.Shape], int]] = {
     "mesh": (lambda: torch.from_numpy(GENUS_3[0]), of_mesh, -4),
     "points": (lambda: torus_samples(800).points, of_points, 0),
-    "open points": (lambda: hemisphere_samples(1500).points, tk.from_points, 1),
-    "noisy points": (lambda: noisy(sphere_samples(1500).points, 0.005), tk.from_points, 2),
+    "open points": (lambda: hemisphere_samples(800).points, tk.from_points, 1),
+    "noisy points": (lambda: noisy(sphere_samples(800).points, 0.005), tk.from_points, 2),
     "single precision": (lambda: torus_samples(800).points.float(), of_points, 0),
 }
 
@@ -60,7 +60,7 @@ def test_the_value_is_the_integer_and_the_gradient_that_of_gauss_bonnet(name: st
 
 
 def test_gradcheck_of_gauss_bonnet() -> None:
-    points = ellipsoid_samples(40, generator=torch.Generator().manual_seed(0)).points.requires_grad_()
+    points = ellipsoid_samples(24, generator=torch.Generator().manual_seed(0)).points.requires_grad_()
     assert gradcheck(lambda p: tk.from_points(p).gauss_bonnet(12, boundary=False), (points,), atol=1e-4, rtol=1e-4)
 
 
@@ -127,7 +127,7 @@ def test_an_unknown_integer_is_an_error_that_says_why() -> None:
 
 def test_the_command_line_means_the_same(tmp_path: Path) -> None:
     path = tmp_path / "cloud.xyz"
-    np.savetxt(path, noisy(torus_samples(1500).points, 0.01).numpy())
+    np.savetxt(path, noisy(torus_samples(800).points, 0.01).numpy())
     printed = CLI.invoke(app, ["euler", str(path)]).stdout
     assert int(printed.split("\t")[0]) == int(tk.load(path).euler())
 
@@ -171,7 +171,7 @@ def test_gauss_bonnet_the_report_and_curvature_give_one_number(name: str) -> Non
 
 
 def test_details_of_a_report_do_not_depend_on_the_number_of_neighbors() -> None:
-    for shape in (tk.from_mesh(*GENUS_3, n_samples=600), tk.from_points(noisy(torus_samples(1500).points, 0.01))):
+    for shape in (tk.from_mesh(*GENUS_3, n_samples=600), tk.from_points(noisy(torus_samples(800).points, 0.01))):
         report = shape.report(details=True)
         assert report.estimate == pytest.approx(float(shape.gauss_bonnet()), abs=1e-9)
         few = shape.replace(n_neighbors=9)

@@ -32,8 +32,8 @@ def test_a_genus_two_cloud_is_likely_and_tells_its_genus() -> None:
 
 
 def test_nested_and_separate_parts_are_told_apart() -> None:
-    outer, inner = sphere_samples(1000), sphere_samples(500, radius=0.5)
-    torus = torus_samples(800)
+    outer, inner = sphere_samples(600), sphere_samples(300, radius=0.5)
+    torus = torus_samples(600)
     points = torch.cat((outer.points, inner.points, torus.points + 4))
     report = tk.from_points(points).report()
     assert (report.euler, report.components, report.cavities, report.genus) == (4, 3, 1, 1)
@@ -62,11 +62,11 @@ def test_oriented_gives_outward_normals_that_follow_the_points() -> None:
 
 
 def test_flipped_normals_are_noticed() -> None:
-    known = torus_samples(3000)
+    known = torus_samples(1500)
     report = tk.from_points(known.points, -known.normals).report()
     assert report.euler == 0
     assert any("point inward" in reason for reason in report.reasons)
-    flipped = torch.where(torch.arange(3000)[:, None] % 3 == 0, -known.normals, known.normals)
+    flipped = torch.where(torch.arange(1500)[:, None] % 3 == 0, -known.normals, known.normals)
     report = tk.from_points(known.points, flipped).report()
     assert report.verdict == "unsure"
     assert "contradict each other" in report.reasons[0], "what decided comes first"

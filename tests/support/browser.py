@@ -32,7 +32,7 @@ def opened_browser() -> Iterator[Browser]:
 
 
 @contextmanager
-def page_in(browser: Browser, width: int = 1400, height: int = 860) -> Iterator[tuple[Page, list[str]]]:
+def page_in(browser: Browser, width: int = 1000, height: int = 640) -> Iterator[tuple[Page, list[str]]]:
     """An empty page, and a list that grows with each error, warning of the page's own and dialog."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.context.set_offline(True)

@@ -87,7 +87,7 @@ def test_tensors_keep_dtype_and_gradient() -> None:
 
 
 def test_an_open_cloud_says_where_and_has_the_genus_of_its_numbers() -> None:
-    known = sphere_samples(6000)
+    known = sphere_samples(2000)
     upper = known.points[:, 2] > 0
     shape = tk.from_points(known.points[upper], known.normals[upper])
     report = shape.report()

@@ -125,17 +125,17 @@ def test_fewer_points_lie_nearer_to_the_surface(shape: str, sigma: float) -> Non
 
 @pytest.mark.parametrize("shape", [pytest.param("sphere", marks=pytest.mark.long), "torus"])
 def test_a_cloud_slightly_larger_than_one_that_is_used_whole_has_the_same_integer(shape: str) -> None:
-    settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3300))
-    for n_points, preparation in ((4000, "whole"), (6000, "averaged")):
-        witness = global_witness(torch.from_numpy(noisy(shape, n_points, 0.025)), settings=settings)
+    settings = CloudSettings(sampling=SamplingSettings(whole=2500, samples=1650))
+    for n_points, preparation in ((2000, "whole"), (3000, "averaged")):
+        witness = global_witness(torch.from_numpy(noisy(shape, n_points, 0.035)), settings=settings)
         assert (witness.euler, witness.preparation) == (EULER[shape], preparation)
         assert witness.agreement == 1
 
 
 @pytest.mark.parametrize("shape", [pytest.param("sphere", marks=pytest.mark.long), "torus"])
 def test_noise_of_a_spacing_is_averaged(shape: str) -> None:
-    settings = CloudSettings(sampling=SamplingSettings(whole=5000, samples=3300))
-    witness = global_witness(torch.from_numpy(noisy(shape, 6000, 0.05)), settings=settings)
+    settings = CloudSettings(sampling=SamplingSettings(whole=2500, samples=1650))
+    witness = global_witness(torch.from_numpy(noisy(shape, 3000, 0.07)), settings=settings)
     assert (witness.euler, witness.preparation) == (EULER[shape], "averaged")
     assert witness.agreement > 0.9
 

@@ -128,9 +128,9 @@ def test_clouds_of_small_parts_alone_have_signs() -> None:
 @pytest.mark.parametrize("is_large", [False, True])
 def test_a_small_bubble_in_a_solid_is_a_cavity(is_large: bool) -> None:
     """Its normals, carried along its own surface, point out of the bubble and not into it."""
-    settings = CloudSettings(sampling=SamplingSettings(whole=3000, samples=2000)) if is_large else SETTINGS
+    settings = CloudSettings(sampling=SamplingSettings(whole=1500, samples=1000)) if is_large else SETTINGS
     bubble = 0.12 * sphere_samples(60).points + torch.tensor([0.3, 0, 0])
-    found = global_witness(torch.cat((sphere_samples(4000).points, bubble)), settings=settings)
+    found = global_witness(torch.cat((sphere_samples(2000).points, bubble)), settings=settings)
     assert (found.euler, found.components, found.cavities) == (4, 1, 1)
     inward = torch.tensor([0.3, 0, 0]) - bubble
     assert ((torch.from_numpy(found.normals)[-60:] * inward).sum(1) > 0).double().mean() > 0.99

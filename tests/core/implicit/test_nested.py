@@ -89,7 +89,7 @@ def test_local_networks_are_the_function_and_bound_it_inside(name: str, seed: in
     assert (smaller.count <= networks.count[network]).all()
     gradient = found.gradient(np.arange(800), half[0].numpy())
     settled = 0
-    for turn in range(12):
+    for turn in range(6):
         inside = generator.uniform(-1, 1, (800, 3))
         at = offset + depth * (np.sign(inside) if turn % 3 == 0 else inside)
         x = (centers[network] + half[network] * torch.from_numpy(at)).requires_grad_(True)

@@ -64,12 +64,12 @@ def signed_distance(surface: TriangleSurface, cell: float) -> SignedDistance:
     Raises:
         InputError: if the surface is not closed.
     """
+    from topokit.core.mesh.rasterized import rasterized  # loads numba
+
     corners = surface.vertices[surface.faces]
     margin = cell * np.asarray(_MARGIN)
     low, high = corners.min((0, 1)) - margin, corners.max((0, 1)) + margin
     x, y, z = (np.ceil((high - low) / cell) + 1).astype(int).tolist()
-    from topokit.core.mesh.rasterized import rasterized  # loads numba
-
     inside = rasterized(surface, Grid((x, y, z), (cell, cell, cell), corner(low)))
     values, samples = _distances((corners - low) / cell, inside)
     np.negative(values, out=values, where=inside)

@@ -1,4 +1,8 @@
-"""Downsampling: fewer samples, placed where a surface needs them."""
+"""Downsampling: fewer samples, placed where a surface needs them.
+
+Which points of a large cloud a report uses is decided in `samples_of_large_clouds`, and of one larger than memory in
+`larger_than_memory`.
+"""
 
 from __future__ import annotations
 

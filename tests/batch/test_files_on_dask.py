@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -78,7 +79,7 @@ def test_a_large_volume_is_counted_by_all_workers(
     original = larger_than_memory.answer_in_blocks
 
     def watched(*given: Any) -> Any:
-        clients.append(given[-1])
+        clients.append(signature(original).bind(*given).arguments["client"])
         return original(*given)
 
     monkeypatch.setattr(larger_than_memory, "answer_in_blocks", watched)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -14,7 +15,6 @@ from topokit.core.genus import genus_of
 from topokit.core.local.gauss_bonnet import euler_by_component
 from topokit.core.mesh.topology import mesh_topology
 from topokit.core.neighbors import neighbor_components
-from topokit.core.opacity.solid import OpacityReading
 from topokit.report.advice import cloud_advice
 from topokit.report.cloud_wording import (
     cap_sentences,
@@ -41,6 +41,9 @@ from topokit.report.verdict import (
     with_opacity,
 )
 from topokit.report.wording import position
+
+if TYPE_CHECKING:
+    from topokit.core.opacity.solid import OpacityReading
 
 _SMALLEST = 3  # sample spacings below which no feature shows in samples that bound no solid
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.sheets import SheetReading
 from topokit.core.cloud.votes import CUT_FAMILIES, values_of
-from topokit.core.opacity.solid import OpacityReading
 from topokit.report.confidence import cloud_confidence
 from topokit.report.doubts import is_noisy
 from topokit.report.open_surface import OpenSurface
 from topokit.report.verdict import Check
 from topokit.report.wording import plural
+
+if TYPE_CHECKING:
+    from topokit.core.opacity.solid import OpacityReading
 
 # name of the check: (sentence if it passed, sentence if it failed); see `_numbers` for what the fields hold
 _SENTENCES = {

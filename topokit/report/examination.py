@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -27,8 +28,6 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, Curvature
 from topokit.core.local.gauss_bonnet import euler_characteristic
 from topokit.core.local.neighborhood_size import automatic_neighbors
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
-from topokit.core.opacity.scene import AbsorbingScene
-from topokit.core.opacity.solid import OpacityReading
 from topokit.core.samples import SurfaceSamples
 from topokit.core.scale.narrow_places import NarrowPlace
 from topokit.core.surface import TriangleSurface, vector_areas
@@ -49,6 +48,10 @@ from topokit.report.verdict import (
     wire_checks,
     without_doubts,
 )
+
+if TYPE_CHECKING:
+    from topokit.core.opacity.scene import AbsorbingScene
+    from topokit.core.opacity.solid import OpacityReading
 
 _SUPPLIED = 0.5  # share of the samples missing from holes that caps or flat lids must have, and another round once more
 _COVERED = 0.9  # share of the lids over holes near which other splats are, from which light may not enter there

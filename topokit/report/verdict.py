@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from topokit.core.cloud.evidence import Witness
 from topokit.core.cloud.sheets import SheetReading
@@ -13,8 +13,10 @@ from topokit.core.cloud.solid.uncovered import UncoveredPatch
 from topokit.core.cloud.solid.wires import WireReading
 from topokit.core.cloud.votes import CUT_FAMILIES, share_of, values_of
 from topokit.core.local.boundary import BoundaryEstimate
-from topokit.core.opacity.solid import OpacityReading
 from topokit.report.confidence import cloud_confidence
+
+if TYPE_CHECKING:
+    from topokit.core.opacity.solid import OpacityReading
 
 Verdict = Literal["certain", "likely", "unsure"]
 Bound = Literal["at least", "at most"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -12,13 +12,15 @@ from torch import Tensor
 from topokit.core.local.curvature import DEFAULT_NEIGHBORS, Curvature, CurvatureSettings, surface_curvature
 from topokit.core.local.neighborhood_size import automatic_neighbors, given_or_default
 from topokit.core.neighbors import first_neighbors, nearest_neighbors
-from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.precision import full_precision
 from topokit.core.residence import stays_on_device
 from topokit.core.samples import SurfaceSamples, enough_samples
 from topokit.errors import InputError
 from topokit.report.counted import CountedAnswer
 from topokit.report.examination import Examination, solid_eulers
+
+if TYPE_CHECKING:
+    from topokit.core.opacity.scene import AbsorbingScene
 
 Measured = TypeVar("Measured")
 GivenSamples = SurfaceSamples | Callable[[], SurfaceSamples]

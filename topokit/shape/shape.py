@@ -15,7 +15,6 @@ from topokit.core.local.curvature import DEFAULT_NEIGHBORS
 from topokit.core.local.neighborhood_size import given_or_default
 from topokit.core.loops import BoundaryLoop
 from topokit.core.mesh.defects import Defect
-from topokit.core.opacity.scene import AbsorbingScene
 from topokit.core.samples import SurfaceSamples, enough_neighbors
 from topokit.core.surface import TriangleSurface
 from topokit.errors import InputError, summary
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     import trimesh
 
     from topokit.core.blocks.curve import EulerCurve
+    from topokit.core.opacity.scene import AbsorbingScene
 
 
 UNNAMED = "shape"

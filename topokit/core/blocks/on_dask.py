@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any, TypeVar
 
 from topokit.core.blocks.division import Box, Division
@@ -38,8 +39,8 @@ def reduced(
         return finish(division.reduce(lambda box: count(source(box), box), join))
     from dask import delayed
 
-    held, call, joining = delayed(count, traverse=False), delayed(_called, pure=False), delayed(join, pure=False)
-    whole = division.reduce(lambda box: call(held, source(box), box), joining)
+    call, joining = _sent_once(count), delayed(join, pure=False)
+    whole = division.reduce(lambda box: call(source(box), box), joining)
     found: Found = client.compute(delayed(finish, pure=False)(whole), retries=RETRIES).result()
     return found
 
@@ -55,10 +56,8 @@ def mapped(work: Callable[[Task], Result], tasks: Sequence[Task], client: Any) -
     if client is None:
         yield from map(work, tasks)
         return
-    from dask import delayed
-
-    held, call = delayed(work, traverse=False), delayed(_called, pure=False)
-    for future in client.compute([call(held, task) for task in tasks], retries=RETRIES):
+    call = _sent_once(work)
+    for future in client.compute([call(task) for task in tasks], retries=RETRIES):
         yield future.result()
 
 
@@ -75,8 +74,8 @@ def joined_on_cluster(
     """
     from dask import delayed
 
-    held, call, joining = delayed(work, traverse=False), delayed(_called, pure=False), delayed(join, pure=False)
-    parts: list[Any] = [call(held, task) for task in tasks]
+    call, joining = _sent_once(work), delayed(join, pure=False)
+    parts: list[Any] = [call(task) for task in tasks]
     while len(parts) > 1:
         parts = [joining(parts[at : at + 2]) for at in range(0, len(parts), 2)]
     whole: Result = client.compute(parts[0], retries=RETRIES).result()
@@ -97,6 +96,13 @@ def active_client() -> Any:
         with suppress(ValueError):
             return distributed.default_client()
     return None
+
+
+def _sent_once(work: Callable[..., Any]) -> Callable[..., Any]:
+    """Makes of a task its result on a worker, later; the work, which may be large, is sent once."""
+    from dask import delayed
+
+    return partial(delayed(_called, pure=False), delayed(work, traverse=False))
 
 
 def _called(work: Callable[..., Result], *task: Any) -> Result:

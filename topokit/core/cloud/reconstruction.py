@@ -112,12 +112,14 @@ class Reconstruction:
         own, cloud = self.settings.quality, self.cloud
         normals = cloud.normals[cloud.samples.kept]
         patches = uncovered_patches(cloud.complex_, self.cut.inside, cloud.points, normals, own)
-        return tuple(patch for patch in patches if patch.missing > self._least_missing)
+        least = self._least_missing
+        return tuple(patch for patch in patches if patch.missing > least)
 
     @property
     def has_holes(self) -> bool:
         """Whether so many samples are missing where no point is near, so that no other cut can do without that lid."""
-        return any(patch.empty > self._least_missing for patch in self.lids)
+        least = self._least_missing
+        return any(patch.empty > least for patch in self.lids)
 
     @property
     def _least_missing(self) -> float:

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from topokit.core.grid.field import GridField
 from topokit.core.grid.grid import Grid
+from topokit.core.opacity.depth import least_depth
 from topokit.core.opacity.solid import OPAQUE, Gaussians, OpacityReading, grid_around, read_opacity, typical_spacing
 
 _STEP = 0.5  # spacings of the Gaussians, of a grid that resolves what they show
@@ -49,7 +50,5 @@ def depth_around(gaussians: Gaussians, step: float | None = None) -> tuple[Tenso
         step: of the grid, in units of length; half a spacing of the Gaussians by default. It is larger where the grid
             would have too many vertices.
     """
-    from topokit.core.opacity.depth import least_depth  # loads numba
-
     grid = grid_around(gaussians.means, step or _STEP * typical_spacing(gaussians.means))
     return least_depth(gaussians.extinction(grid), grid.cell), grid

@@ -25,6 +25,8 @@ from topokit.core.arrays import Booleans, Floats
 from topokit.core.grid.euler import surface_euler
 from topokit.core.grid.grid import Grid
 from topokit.core.grid.level_surface import level_surface
+from topokit.core.opacity.depth import least_depth
+from topokit.core.opacity.extinction import REACH, extinction
 from topokit.core.processors import one_thread
 from topokit.core.surface import TriangleSurface
 
@@ -59,8 +61,6 @@ class Gaussians(NamedTuple):
 
     def extinction(self, grid: Grid) -> Tensor:
         """The extinction on a grid (X, Y, Z), Gaussians smoothed over a cell: none falls between vertices."""
-        from topokit.core.opacity.extinction import extinction  # loads numba
-
         smoothing = grid.cell**2 * torch.eye(3, dtype=torch.float64)
         return extinction(self.means, self.covariances.double().cpu() + smoothing, self.integrals, grid)
 
@@ -164,8 +164,6 @@ def grid_around(means: Tensor, step: float) -> Grid:
 
     The step is larger where the grid would have too many vertices.
     """
-    from topokit.core.opacity.extinction import REACH  # loads numba
-
     points = means.detach().double().cpu()
     low, high = points.amin(0), points.amax(0)
     smallest = float((high - low).max()) / _MOST_VERTICES  # of a line of points; growing by shares, whatever was asked
@@ -185,8 +183,6 @@ def _grids(means: Tensor, spacing: float) -> list[Grid]:
 
 
 def _solids(gaussians: Gaussians, grid: Grid, spacing: float) -> Iterator[_Solid]:
-    from topokit.core.opacity.depth import least_depth  # loads numba
-
     speck = math.pi / 6 * (_NARROWEST * spacing / grid.cell) ** 3  # voxels
     walls = gaussians.extinction(grid)
     for closing in _CLOSINGS:

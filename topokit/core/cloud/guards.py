@@ -116,7 +116,7 @@ def _median_roundness(patches: Floats) -> float:
 def far_points(points: Tensor, settings: GuardSettings | None = None) -> Tensor:
     """Which points (N,) lie 30 times as far from the middle as nine tenths of them: wrong coordinates, not surface.
 
-    None do if they are too many to be errors: more than 1 %, or enough to bound a solid of their own.
+    None do if they are enough to bound a solid of their own.
 
     Args:
         points: (N, 3), any float dtype and device.
@@ -128,7 +128,7 @@ def far_points(points: Tensor, settings: GuardSettings | None = None) -> Tensor:
     typical = distance.kthvalue(int(np.ceil(0.9 * len(points)))).values
     far = distance > settings.far * typical
     count = int(far.sum())
-    is_error = typical > 0 and count < FEWEST_POINTS and count <= settings.most_far * len(points)
+    is_error = typical > 0 and count < FEWEST_POINTS
     return far if is_error else torch.zeros_like(far)
 
 

@@ -32,7 +32,6 @@ class GuardSettings:
     far: float = _number(
         30.0, "ratio", "distance of a stray point from the middle over that of nine tenths of the points", REAL
     )
-    most_far: float = _number(0.01, "share of points", "stray points, at most; more are a part of the scene", REAL)
     fewest_in_space: int = _number(
         10_000, "points", "from which noise, walls and space can be told apart", "blobs, lattices and noise"
     )

@@ -11,6 +11,7 @@ import pytest
 import torch
 from sample_arrays import Cloud, Floats, sphere, torus
 
+from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import patches_of
 from topokit.core.cloud.reconstruction import Cloud as Distinct
 from topokit.core.cloud.reconstruction import Reconstruction, reconstruct
@@ -121,8 +122,12 @@ def test_repeated_points_count_once_and_share_their_normal() -> None:
 
 
 def test_clouds_of_small_parts_alone_have_signs() -> None:
-    settings = CloudSettings(orientation=OrientationSettings(smallest_part=1000))
-    assert global_witness(sphere_samples(500).points, settings=settings).euler == 2
+    """Of parts with fewer points than bound a solid, none is looked at by itself."""
+    part = sphere_samples(FEWEST_POINTS - 1).points
+    points = torch.cat([part + torch.tensor([4.0 * k, 0, 0]) for k in range(4)])
+    found = global_witness(points)
+    assert found.components == 4
+    assert ((torch.from_numpy(found.normals) * part.repeat(4, 1)).sum(1) > 0).double().mean() > 0.95
 
 
 @pytest.mark.parametrize("is_large", [False, True])

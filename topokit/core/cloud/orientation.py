@@ -17,6 +17,7 @@ import numpy as np
 from torch import Tensor
 
 from topokit.core.arrays import Booleans, Floats
+from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.cloud.normals.patches import Neighborhoods, turned_towards, unit
 from topokit.core.cloud.sampling.samples_of_large_clouds import Samples
@@ -129,7 +130,7 @@ def _is_believed(
     """
     contradicted = float(((surface * normals).sum(1) < 0).mean())
     size = np.bincount(samples.parts)
-    is_part = size >= settings.smallest_part
+    is_part = np.bincount(samples.parts[samples.owner]) >= FEWEST_POINTS  # of all points
     covered = np.bincount(samples.parts, is_on)[is_part] / size[is_part]
     least = settings.believed if samples.is_all else settings.interpolating
     return contradicted <= settings.contradicted and min((is_on.mean(), *covered)) >= least

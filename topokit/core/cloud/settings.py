@@ -140,7 +140,6 @@ class OrientationSettings:
         "47 closed real meshes, two draws of 10 000 random points: at least 0.9967 on right ones but one, at most "
         "0.9954 on wrong ones",
     )
-    smallest_part: int = _number(20, "samples", "of the smallest part that must be covered by itself", REAL)
     interpolating: float = _number(
         0.97,
         "share of samples",
@@ -327,7 +326,6 @@ class WireSettings:
         6.0, "spacings", "radius of balls that join wires, and distance of stray points from all others", WIRES
     )
     tail: float = _number(0.05, "share of weight", "left out at both ends of the range of radii", WIRES)
-    smallest_part: int = _number(20, "points", "of a separate part that is not clutter", WIRES)
     around: int = _number(30, "neighbors", "that hold a whole cross-section", WIRES)
     open_radii: tuple[float, float] = _number(
         (1.7, 3.5),

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from tubes import cube_edges, linked_rings, torus_knot, tube
 
 import topokit
+from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.settings import WireSettings
 from topokit.core.cloud.solid.wires import WireReading, read_wire, segment_narrowness
 from topokit.core.cloud.witness import global_witness
@@ -123,10 +124,18 @@ def test_many_thin_parts_of_few_points_each_are_read() -> None:
     assert found.wire.n_stray < 100
 
 
-@pytest.mark.parametrize("smallest_part", [20, 101])
-def test_parts_below_the_smallest_are_left_out_and_nothing_may_be_left(smallest_part: int) -> None:
-    reading = read(thin_rings(12, 100), WireSettings(smallest_part=smallest_part))
-    assert (reading is None) == (smallest_part > 100)
+@pytest.mark.parametrize("count", [FEWEST_POINTS - 1, FEWEST_POINTS])
+def test_parts_of_fewer_points_than_bound_a_solid_are_left_out(count: int) -> None:
+    wire, part = tube(torus_knot(2, 3), 0.03, 2000)[0], 0.01 * sphere_samples(count).points.numpy() + 9.0
+    reading = read(np.concatenate((wire, part)))
+    assert reading is not None
+    n_stray = count if count < FEWEST_POINTS else 0
+    assert (reading.components, reading.n_stray) == (1 if n_stray else 2, n_stray)
+
+
+def test_nothing_is_read_if_all_parts_are_left_out() -> None:
+    row = np.concatenate([np.stack((np.linspace(0, 1, 30), np.full(30, 9.0 * k), np.zeros(30)), 1) for k in range(20)])
+    assert read(row + 1e-3 * np.random.default_rng(0).normal(size=row.shape)) is None
 
 
 def linked_circles(n_points: int) -> Floats:

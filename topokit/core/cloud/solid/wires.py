@@ -148,7 +148,7 @@ def _without_stray_points(points: Floats, settings: WireSettings) -> tuple[Integ
     spacing = float(np.median(distance[:, -1]) * np.sqrt(np.pi / _STEPS))
     point, rank = np.nonzero(distance < settings.largest * spacing)
     part = connected_labels(len(points), point, nearest[point, rank])
-    return np.flatnonzero(np.bincount(part)[part] >= settings.smallest_part), spacing
+    return np.flatnonzero(np.bincount(part)[part] >= FEWEST_POINTS), spacing
 
 
 def _lasting_euler(

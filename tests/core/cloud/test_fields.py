@@ -71,11 +71,12 @@ def test_one_grid_has_the_cells_and_smoothing_of_its_setting() -> None:
 def test_parts_within_each_other_share_a_grid() -> None:
     inner, outer, far = SPHERE.points.numpy(), 3 * SPHERE.points.numpy(), SPHERE.points.numpy() + 20.0
     points, parts = np.concatenate((inner, far, outer)), np.repeat([7, 3, 5], len(inner))
-    groups = parts_apart(points, parts, 0.5, MOST_PARTS)
+    groups = parts_apart(points, parts, MOST_PARTS)
     assert groups[0] == groups[-1] != groups[len(inner)]
-    assert set(parts_apart(points, parts, 100.0, MOST_PARTS)) == {0}
-    assert len(set(parts_apart(points, np.arange(len(points)), 0.5, MOST_PARTS))) == 1  # each a stray point
-    assert set(parts_apart(points, parts, 0.5, most=2)) == {0}
+    near = np.where(parts[:, None] == 3, points - 17.0, points)  # its box meets the outer one's
+    assert set(parts_apart(near, parts, MOST_PARTS)) == {0}
+    assert len(set(parts_apart(points, np.arange(len(points)), MOST_PARTS))) == 1  # each a stray point
+    assert set(parts_apart(points, parts, most=2)) == {0}
 
 
 def test_many_distant_parts_of_a_large_cloud_have_field_votes() -> None:

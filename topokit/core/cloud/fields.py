@@ -82,7 +82,7 @@ def _on_grids_of_parts(
     layer: _Layer, points: Floats, spacing: float, parts: Callable[[], Integers], settings: FieldSettings
 ) -> list[tuple[int, int]]:
     """The same on grids of one cell per spacing; nothing if they have too many vertices or too large cells."""
-    labels = parts_apart(points, parts(), settings.apart * spacing, MOST_PARTS)
+    labels = parts_apart(points, parts(), MOST_PARTS)
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(labels))[:-1])
     layers = [layer.at(rows) for rows in groups if len(rows) >= FEWEST_POINTS]  # fewer bound nothing
@@ -97,13 +97,12 @@ def _on_grids_of_parts(
     ]
 
 
-def parts_apart(points: Floats, parts: Integers, distance: float, most: int) -> Integers:
-    """Numbers 0, 1, … (N,) of groups of parts whose bounding boxes are farther than a distance from each other.
+def parts_apart(points: Floats, parts: Integers, most: int) -> Integers:
+    """Numbers 0, 1, … (N,) of groups of parts whose bounding boxes do not meet.
 
     Args:
         points: (N, 3).
         parts: (N,), the connected part of each point.
-        distance: between boxes of different groups, at least, along some axis.
         most: number of parts from which they are not told apart: most of so many are stray pieces.
     """
     groups = compact_labels(parts, int(parts.max()) + 1)
@@ -111,7 +110,7 @@ def parts_apart(points: Floats, parts: Integers, distance: float, most: int) -> 
         return np.zeros_like(groups)
     while True:
         low, high = _boxes(points, groups)
-        is_near = ((low[:, None] <= high + distance) & (low <= high[:, None] + distance)).all(2)
+        is_near = ((low[:, None] <= high) & (low <= high[:, None])).all(2)
         joined = connected_labels(len(low), *np.nonzero(is_near))
         if joined.max() + 1 == len(low):
             return groups

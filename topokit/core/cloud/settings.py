@@ -256,7 +256,6 @@ class FieldSettings:
     )
     most_points: int = _number(200_000, "points", "that a field is made from", COST)
     most_vertices: int = _number(40_000_000, "vertices", "of the grids of all parts that lie apart", COST)
-    apart: float = _number(4.0, "spacings", "between the boxes of parts that get grids of their own", GEOMETRY)
 
 
 @dataclass(frozen=True)

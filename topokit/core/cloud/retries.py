@@ -212,7 +212,7 @@ def _lengths(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> 
     around = local.index[:, : settings.patches.graph + 1]
     for _ in range(2):
         toward_room = toward_room[around].mean(1)
-    outward = 1.0 if (behind < own.near).sum() >= (ahead < own.near).sum() else -1.0
+    outward = 1.0 if behind.sum() <= ahead.sum() else -1.0  # walls are thinner than gaps
     for length in own.lengths:
         yield np.full(len(normals), outward * length)
         yield length * toward_room

@@ -297,12 +297,6 @@ class ShiftSettings:
     lengths: tuple[float, ...] = _number(
         (0.3, 0.6), "spacings", "by which samples are shifted; a wall without thickness needs one to be resolved", REAL
     )
-    near: float = _number(
-        1.5,
-        "spacings",
-        "at which an opposite sheet is so near that samples are shifted away from it",
-        REAL,
-    )
     free: float = _number(3.0, "spacings", "beyond which another sheet does not matter", REAL)
     sideways: float = _number(0.7, "spacings", "by which the opposite sample of a sheet may lie aside", GEOMETRY)
 

@@ -55,7 +55,7 @@ def test_fields_on_too_large_grids_do_not_vote() -> None:
     spacing = (SPHERE.area / 800) ** 0.5
     near, parts = row_of(2, 80.0, SPHERE.points.numpy())
     assert eulers(near, normals, 2 * SPHERE.area, spacing, parts) == [4, 4, 4]
-    small = FieldSettings(most_vertices=20_000)  # of both grids together
+    small = FieldSettings(grids=tuple((*grid[:2], 20_000 // 3) for grid in SETTINGS.grids))  # as many together
     assert eulers(near, normals, 2 * SPHERE.area, spacing, parts, small) == []
 
 

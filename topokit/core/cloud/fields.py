@@ -86,9 +86,10 @@ def _on_grids_of_parts(
     order = np.argsort(labels, kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(labels))[:-1])
     layers = [layer.at(rows) for rows in groups if len(rows) >= FEWEST_POINTS]  # fewer bound nothing
-    grids = [make_grid(one.points, spacing, 1.0, settings.most_vertices) for one in layers]
+    most = sum(size for _, _, size in settings.grids)  # as many as all grids of a cloud in one piece have
+    grids = [make_grid(one.points, spacing, 1.0, most) for one in layers]
     n_vertices = sum(grid.n_vertices for grid in grids)
-    if n_vertices > settings.most_vertices or any(grid.cell > spacing for grid in grids):
+    if n_vertices > most or any(grid.cell > spacing for grid in grids):
         return []
     smoothings = [sigma / cells * spacing for cells, sigma, _ in settings.grids]  # in units of length
     return [

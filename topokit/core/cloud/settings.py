@@ -255,7 +255,6 @@ class FieldSettings:
         REAL,
     )
     most_points: int = _number(200_000, "points", "that a field is made from", COST)
-    most_vertices: int = _number(40_000_000, "vertices", "of the grids of all parts that lie apart", COST)
 
 
 @dataclass(frozen=True)

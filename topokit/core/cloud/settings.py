@@ -304,7 +304,9 @@ class ShiftSettings:
 class WireSettings:
     """Unions of balls: around clouds that are one-dimensional everywhere, and around open ones."""
 
-    sizes: tuple[int, ...] = _number((25, 50, 100), "points", "of the neighborhoods that are tested", WIRES)
+    sizes: tuple[int, ...] = _number(
+        (25, 50, 100), "points", "of neighborhoods that are tested; the smallest hold a whole cross-section", WIRES
+    )
     fewest_patches: int = _number(20, "neighborhoods", "of a size that the cloud must hold", WIRES)
     narrow: float = _number(
         0.3,
@@ -318,7 +320,6 @@ class WireSettings:
         6.0, "spacings", "radius of balls that join wires, and distance of stray points from all others", WIRES
     )
     tail: float = _number(0.05, "share of weight", "left out at both ends of the range of radii", WIRES)
-    around: int = _number(30, "neighbors", "that hold a whole cross-section", WIRES)
     open_radii: tuple[float, float] = _number(
         (1.7, 3.5),
         "spacings",

@@ -170,7 +170,7 @@ def _lasting_euler(
 
 def _away_from_center_line(points: Floats, settings: WireSettings) -> Floats:
     """Unit directions (N, 3) from the mean of each neighborhood to its point, across its longest direction."""
-    patch = points[cKDTree(points).query(points, min(settings.around + 1, len(points)))[1]]
+    patch = points[cKDTree(points).query(points, min(settings.sizes[0] + 1, len(points)))[1]]
     center = patch.mean(1)
     patch = patch - center[:, None]
     axis = np.linalg.eigh(np.einsum("nka,nkb->nab", patch, patch))[1][:, :, 2]

@@ -116,8 +116,8 @@ class Examination:
 
     @cached_property
     def part(self) -> Examination:
-        """The measurements of at most 50 000 points, evenly many along a curve: enough for sums and boundaries."""
-        thin = _thinned(self._on_surface, SamplingSettings().boundary_points)
+        """The measurements of at most 30 000 points, evenly many along a curve: enough for sums and boundaries."""
+        thin = _thinned(self._on_surface, SamplingSettings().whole)
         return self if thin is self.samples else Examination(thin, known_closed=self._known_closed)
 
     @cached_property

@@ -177,7 +177,9 @@ class GivenSettings:
 class SamplingSettings:
     """How many points are used."""
 
-    whole: int = _number(30_000, "points", "of the largest cloud that is used whole", COST)
+    whole: int = _number(
+        30_000, "points", "of the largest cloud that is used whole; boundaries are looked for on as many", COST
+    )
     samples: int = _number(
         20_000, "samples", "of a larger cloud; half as many for comparison, twice as many in doubt", COST
     )
@@ -195,7 +197,6 @@ class SamplingSettings:
         "at which filled space, groups of points, noise, thin walls and double sheets are looked for",
         COST,
     )
-    boundary_points: int = _number(50_000, "points", "on which boundaries are looked for and curvature is summed", COST)
 
 
 @dataclass(frozen=True)

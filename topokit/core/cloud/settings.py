@@ -120,7 +120,6 @@ class SignSettings:
         "of a step that decides alone, within a patch",
         "of 18 million such steps of 24 shapes 6 in 100 000 are wrong",
     )
-    crease: float = _number(0.5, "bending", "of a step that separates pieces whose signs fields may turn", DENSE)
     most_patches: int = _number(
         50_000, "patches", "that vote on their signs; of more steps the lighter ones decide", COST
     )

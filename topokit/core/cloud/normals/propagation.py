@@ -72,13 +72,13 @@ def propagate_signs(
     weight = _bending(points, axes, first, second)
     tree = minimum_spanning_tree(coo_array((weight, (first, second)), shape=(count, count)).tocsr()).tocoo()
     parts = connected_labels(count, tree.row, tree.col)
-    is_within, is_smooth = _within_patches(tree.data, settings) | (not by_vote), tree.data < settings.crease
+    is_within = _within_patches(tree.data, settings) | (not by_vote)
     patches = connected_labels(count, tree.row[is_within], tree.col[is_within])
     normals = axes * _signs_along(tree.row[is_within], tree.col[is_within], patches, axes)[:, None]
     normals *= _voted_signs(points, normals, patches, first, second)[patches, None]
     volume = np.bincount(parts, areas * _dots(normals, points - _centroids(points, parts)[parts]))
     normals *= np.where(volume < 0, -1.0, 1.0)[parts, None]
-    return Propagation(normals, parts, connected_labels(count, tree.row[is_smooth], tree.col[is_smooth]))
+    return Propagation(normals, parts, patches)
 
 
 def _centroids(points: Floats, parts: Integers) -> Floats:

@@ -33,9 +33,10 @@ class Trial:
     normals: Floats
     cut: Cut
 
-    def cost(self, power: float = 1.0) -> float:
-        """The energy of the cut, raised where samples are off its surface; finite."""
-        return float(self.cut.energy / max(self.cut.coverage, 1e-3) ** power)
+    @property
+    def cost(self) -> float:
+        """The energy of the cut per sample on its surface; finite."""
+        return float(self.cut.energy / max(self.cut.coverage, 1e-3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Orientation:
     Attributes:
         normals: (M, 3), unit, outward: out of the solid, so into the cavity on a cavity's wall.
         coverage: share of the samples on the implied solid's surface.
-        trials: every candidate, the chosen one first.
+        trials: every candidate, the cheapest one first, which was chosen.
     """
 
     normals: Floats
@@ -60,15 +61,13 @@ class Orientation:
             axes: (M, 3), unit normals of arbitrary sign, where known.
             settings: candidates of a cost beyond a limit are not corrected.
         """
-        own = settings.orientation
-        power = own.coverage_power
-        limit = own.hopeless * min(trial.cost(power) for trial in self.trials)
+        limit = settings.orientation.hopeless * self.trials[0].cost
         found = [
             Trial(*normals_by_poles(complex_, trial.normals, trial.cut, settings.cuts.first, rounds=2, axes=axes))
             for trial in self.trials
-            if trial.cost(power) <= limit
+            if trial.cost <= limit
         ]
-        return min(found, key=lambda trial: trial.cost(power))
+        return min(found, key=lambda trial: trial.cost)
 
 
 def orient_samples(
@@ -104,8 +103,7 @@ def orient_samples(
             ]
         if max(trial.cut.coverage for trial in trials) < own.hidden:
             break  # a finer grid shows no surface either
-    is_clean = max(trial.cut.coverage for trial in trials) >= own.interpolating
-    trials.sort(key=lambda trial: trial.cost(own.coverage_power if is_clean else 1.0))
+    trials.sort(key=lambda trial: trial.cost)
     surface, _ = surface_normals(complex_, trials[0].cut.inside, trials[0].normals)
     return Orientation(_outward(trials[0], surface, samples), trials[0].cut.coverage, tuple(trials))
 

@@ -87,17 +87,15 @@ def orient_samples(
     cells = own.fine_cells_per_spacing * longest / local.spacing
     coarse = min(own.coarse_cells, cells)  # between dipoles that are cells apart a field says nothing
     fine = min(cells + 30, own.most_fine_cells)
-    for n_cells, iterations, is_fine in ((coarse, own.coarse_iterations, False), (fine, own.fine_iterations, True)):
+    for n_cells, is_fine in ((coarse, False), (fine, True)):
         solver = DipoleSolver(local.points, samples.areas, longest / n_cells)
-        solved = solver.conjugate_gradients(own.sigmas[0], iterations)
+        solved = solver.conjugate_gradients(own.sigmas[0], own.iterations)
         turned = solver.alternate(solved, *own.sigmas, own.alternations)
         directions = (solved, turned) if is_fine else (turned,)  # on thin sheets a turn may do harm
         for dipoles in directions:
             trials += [
                 _trial(complex_, normals, settings) for normals in _candidates(dipoles, samples, local, settings)
             ]
-        if max(trial.cut.coverage for trial in trials) < own.hidden:
-            break  # a finer grid shows no surface either
     trials.sort(key=lambda trial: trial.cost)
     surface, _ = surface_normals(complex_, trials[0].cut.inside, trials[0].normals)
     return Orientation(_outward(trials[0], surface, samples), trials[0].cut.coverage, tuple(trials))

@@ -147,10 +147,9 @@ class OrientationSettings:
     )
     hidden: float = _number(0.5, "share of samples", "coverage below which no surface shows", DENSE)
     coarse_cells: float = _number(64, "cells", "of the coarse grid along the longest side", REAL)
-    coarse_iterations: int = _number(20, "steps", "of conjugate gradients on it", REAL)
     most_fine_cells: float = _number(160, "cells", "of the fine grid along the longest side, at most", COST)
     fine_cells_per_spacing: float = _number(1.2, "cells", "of the fine grid per sample spacing, and 30 more", REAL)
-    fine_iterations: int = _number(12, "steps", "of conjugate gradients on it", REAL)
+    iterations: int = _number(12, "steps", "of conjugate gradients on each grid", REAL)
     alternations: int = _number(8, "rounds", "of a descent step and a turn of all dipoles", REAL)
     sigmas: tuple[float, float] = _number((1.0, 0.7), "cells", "Gaussian of the first and of the last round", REAL)
 

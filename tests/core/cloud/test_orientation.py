@@ -82,10 +82,10 @@ def test_unoriented_clouds_are_oriented(make: Callable[[], Cloud], settings: Clo
     assert found.trials[0].cut.coverage == found.coverage
 
 
-def test_signs_that_their_solid_contradicts_compete_with_those_of_fields() -> None:
-    """All contradict the solid if none may, and then the cheapest solid wins."""
+def test_signs_that_are_not_believed_compete_with_those_of_fields() -> None:
+    """None are if the implied solid must cover more than all samples, and then the cheapest solid wins."""
     normals = torus()[1]
-    strict = CloudSettings(orientation=OrientationSettings(contradicted=-1.0))
+    strict = CloudSettings(orientation=OrientationSettings(believed=1.1))
     carried, found = (look(torus, settings).found for settings in (SETTINGS, strict))
     assert carried is not None
     assert found is not None

@@ -80,7 +80,7 @@ def orient_samples(
     if samples.signed is not None:
         carried = _trial(complex_, samples.refined(samples.signed, local, settings), settings)
         surface, is_on = surface_normals(complex_, carried.cut.inside, carried.normals)
-        if _is_believed(surface, is_on, carried.normals, samples, own):
+        if _is_believed(is_on, samples, own):
             return Orientation(_outward(carried, surface, samples), carried.cut.coverage, (carried,))
         trials.append(carried)
     longest = float(np.ptp(local.points, axis=0).max())
@@ -112,19 +112,16 @@ def _outward(trial: Trial, surface: Floats, samples: Samples) -> Floats:
     return unit(surface + (1 + 1e-9) * trial.normals)  # they may cancel
 
 
-def _is_believed(
-    surface: Floats, is_on: Booleans, normals: Floats, samples: Samples, settings: OrientationSettings
-) -> bool:
-    """Whether a solid contradicts few of the normals (M, 3) and no part of the cloud is off its surface.
+def _is_believed(is_on: Booleans, samples: Samples, settings: OrientationSettings) -> bool:
+    """Whether nearly all samples (M,) are on the surface of the solid, and no part of the cloud is off it.
 
     A cavity whose normals point out of it rather than into it is left out by the cut: however small, its part tells.
     """
-    contradicted = float(((surface * normals).sum(1) < 0).mean())
     size = np.bincount(samples.parts)
     is_part = np.bincount(samples.parts[samples.owner]) >= FEWEST_POINTS  # of all points
     covered = np.bincount(samples.parts, is_on)[is_part] / size[is_part]
     least = settings.believed if samples.is_all else settings.interpolating
-    return contradicted <= settings.contradicted and min((is_on.mean(), *covered)) >= least
+    return bool(min((is_on.mean(), *covered)) >= least)
 
 
 def _candidates(dipoles: Tensor, samples: Samples, local: Neighborhoods, settings: CloudSettings) -> Iterator[Floats]:

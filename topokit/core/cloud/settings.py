@@ -129,9 +129,6 @@ class SignSettings:
 class OrientationSettings:
     """The choice between orientations."""
 
-    contradicted: float = _number(
-        0.002, "share of samples", "whose carried normal the implied solid contradicts, at most", REAL
-    )
     believed: float = _number(
         0.996,
         "share of samples",

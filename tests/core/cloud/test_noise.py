@@ -91,7 +91,7 @@ def test_noise_is_averaged_if_samples_apart_by_it_are_fewer_or_if_not_all_points
 def test_two_sheets_close_together_are_no_noise() -> None:
     points = sphere_samples(5000).points.numpy()
     two = np.concatenate((points, 0.95 * sphere_samples(4500).points.numpy()))  # a spacing apart
-    assert around(two).roughness > SETTINGS.signs.dense_roughness
+    assert around(two).roughness > SETTINGS.signs.roughness
     assert averaged(around(two), SETTINGS) is None
 
 

@@ -48,7 +48,7 @@ def box() -> Cloud:
 
 
 SETTINGS = CloudSettings()
-BY_FIELDS = CloudSettings(signs=SignSettings(smooth_roughness=-1.0))  # no signs are carried
+BY_FIELDS = CloudSettings(signs=SignSettings(roughness=-1.0))  # no signs are carried
 
 
 SHAPES = (sphere, torus, nested_spheres, linked_tori, box)

@@ -56,7 +56,7 @@ def averaged(patches: Patches, settings: CloudSettings) -> Averaged | None:
         settings: of the noise, and the size up to which clouds are used whole.
     """
     points, own = patches.points, settings.noise
-    noise = None if patches.roughness <= settings.signs.dense_roughness else noise_of(patches, settings)
+    noise = None if patches.roughness <= settings.signs.roughness else noise_of(patches, settings)
     if noise is None:
         return None
     radius = own.reach * noise.level

@@ -179,8 +179,7 @@ def _oriented(
     faces, areas = find_faces(patches, settings.creases), patches.areas()
     axes = faces.sharpened(patches.planes.axes) if given is None else given
     carried = None
-    is_whole = len(points) <= settings.sampling.whole
-    if patches.roughness <= (settings.signs.smooth_roughness if is_whole else settings.signs.dense_roughness):
+    if patches.roughness <= settings.signs.roughness:
         carried = propagate_signs(points, axes, areas, patches.neighbors, by_vote=faces.show, settings=settings.signs)
     sampler = Sampler(points, None if carried is None else carried.normals, areas, patches.thickness, settings)
     samples = sampler.samples(given, carried, faces)

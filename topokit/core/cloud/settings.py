@@ -110,9 +110,8 @@ class CreaseSettings:
 class SignSettings:
     """Signs carried along the surface."""
 
-    smooth_roughness: float = _number(0.2, "spacings", "roughness up to which signs are carried", REAL)
-    dense_roughness: float = _number(
-        0.3, "spacings", "the same in clouds of more points than are used; noise beyond it is averaged", DENSE
+    roughness: float = _number(
+        0.3, "spacings", "roughness up to which signs are carried; noise beyond it is averaged", DENSE
     )
     smooth: float = _number(
         0.05,

@@ -18,7 +18,7 @@ SETTINGS = CloudSettings()
 LARGE = CloudSettings(sampling=SamplingSettings(whole=2500, samples=1500))
 
 
-def signs_of(points: Floats, normals: Floats, settings: GivenSettings = SETTINGS.given) -> Signs | None:
+def signs_of(points: Floats, normals: Floats, settings: CloudSettings = SETTINGS) -> Signs | None:
     surface = patches_of(points, SETTINGS.patches)
     return consistent_signs(points, normals, surface.areas(normals), surface.spacing, settings)
 
@@ -43,7 +43,7 @@ def test_normals_of_two_signs_are_not_consistent(make: Callable[[], Cloud]) -> N
     few = np.where(np.random.default_rng(0).random((len(points), 1)) < 0.15, -1.0, 1.0)
     assert signs_of(points, normals * half) is None
     assert signs_of(points, normals * few) is None
-    lenient = GivenSettings(consistent=0.5, largest_residual=1.0)
+    lenient = CloudSettings(given=GivenSettings(consistent=0.5, largest_residual=1.0))
     assert signs_of(points, normals * few, lenient) is not None
 
 
@@ -73,7 +73,7 @@ def test_few_wrong_signs_do_not_refute_the_others(sign: float) -> None:
     is_wrong = np.random.default_rng(0).random(len(points)) < 0.01
     given = sign * np.where(is_wrong[:, None], -normals, normals)
     settings = CloudSettings(given=GivenSettings(consistent=0.999))
-    assert signs_of(points, given, settings.given) is None
+    assert signs_of(points, given, settings) is None
     found = global_witness(torch.from_numpy(points), torch.from_numpy(given), settings=settings)
     assert (found.euler, found.signs.source) == (0, "given" if sign > 0 else "reversed")
     assert found.signs.confirmed == pytest.approx(1 - is_wrong.mean(), abs=1e-9)

@@ -10,7 +10,7 @@ import torch
 from topokit.core.arrays import Floats
 from topokit.core.cloud.normals.dipoles import border_mean
 from topokit.core.cloud.orientation import Orientation, Trial
-from topokit.core.cloud.settings import CloudSettings, GivenSettings
+from topokit.core.cloud.settings import CloudSettings
 from topokit.core.cloud.solid.tetrahedra import DelaunayComplex, cut_complex
 from topokit.core.grid.grid import make_grid
 from topokit.core.grid.winding_field import winding_field
@@ -41,7 +41,7 @@ class Signs:
 
 
 def consistent_signs(
-    points: Floats, normals: Floats, areas: Floats, spacing: float, settings: GivenSettings
+    points: Floats, normals: Floats, areas: Floats, spacing: float, settings: CloudSettings
 ) -> Signs | None:
     """Where the signs come from if the normals all point outward or all inward, by their field; None if they do not.
 
@@ -56,11 +56,12 @@ def consistent_signs(
         settings: of the grid and the limits.
     """
     p, n, a = (torch.as_tensor(values, dtype=torch.float32) for values in (points, normals, areas))
-    grid = make_grid(p, spacing, 1.0, settings.most_vertices, minimum_length=48)
-    field = winding_field(p, n, a, grid, settings.sigma)
+    cells, sigma, most = settings.fields.grids[0]
+    field = winding_field(p, n, a, make_grid(p, spacing, cells, most, minimum_length=48), sigma)
     confirmed = float(((field.gradient(p) * n).sum(1) < 0).double().mean())
     residual = float((field.sample(p) - 0.5).abs().mean())
-    if confirmed < settings.consistent or residual > settings.largest_residual:
+    own = settings.given
+    if confirmed < own.consistent or residual > own.largest_residual:
         return None
     is_outward = float(field.values.mean()) > float(border_mean(field.values))
     return Signs("given" if is_outward else "reversed", confirmed, None)

@@ -169,7 +169,7 @@ def _oriented(
     points, given = cloud.points, cloud.normals
     if given is not None and cloud.oriented:
         own = patches.areas(given)
-        consistent = consistent_signs(points, given, own, patches.spacing, settings.given)
+        consistent = consistent_signs(points, given, own, patches.spacing, settings)
         outward = None if consistent is None else consistent.apply(given)
         if consistent is not None and outward is not None:
             sampler = Sampler(points, outward, patches.areas(), patches.thickness, settings)

@@ -151,8 +151,6 @@ class OrientationSettings:
 class GivenSettings:
     """The check of given normals."""
 
-    most_vertices: int = _number(96**3, "vertices", "of the grid", COST)
-    sigma: float = _number(2.0, "cells", "Gaussian of the field", REAL)
     consistent: float = _number(0.95, "share of normals", "along the field's descent, at least", REAL)
     largest_residual: float = _number(
         0.08, "winding number", "mean distance from one half at the samples, at most", REAL

@@ -217,7 +217,7 @@ def _wire_witness(
     if cloud.normals is not None:
         outward = turned_towards(cloud.normals, outward)
         areas = patches.areas(cloud.normals)
-        consistent = consistent_signs(cloud.points, cloud.normals, areas, patches.spacing, settings.given)
+        consistent = consistent_signs(cloud.points, cloud.normals, areas, patches.spacing, settings)
         signs = consistent if consistent is not None and cloud.oriented else Signs("axes", None, None)
     spacing = patches.spacing * (len(cloud.points) / len(kept)) ** 0.5
     wide = crowded_share(patches, outward, patches.areas(outward), kept, quality.feature, settings)

@@ -6,9 +6,9 @@
 DATA holds index.json and the closed meshes that it names. The clouds of most settings are 10 000 random points of these
 meshes without normals, clean and with 0.5 % noise, of every second mesh: of those with the right integer at the usual
 settings the ones on which the votes agree least, so those that a change can tip. Other settings are tried on what they
-are for: given normals, large clouds, wires, open surfaces, stray points. Numbers near one, or that would become
-one, are moved to and from one: 0.996 becomes 0.998 and 0.992. Whole numbers stay whole. `--out` is continued if it
-exists.
+are for: given normals, large clouds, wires, open surfaces, stray points, filled space, double sheets, cut walls.
+Numbers near one, or that would become one, are moved to and from one: 0.996 becomes 0.998 and 0.992. Whole numbers stay
+whole. `--out` is continued if it exists.
 """
 
 from __future__ import annotations
@@ -27,42 +27,48 @@ import numpy as np
 import torch
 import trimesh
 from confidence import clean_meshes, read_rows
-from numpy.typing import NDArray
 from scale_truth import mesh_of
+from tried_clouds import Cloud, clumps, cut_walls, filled, nested, sheets, shells, wires
 
+from topokit.core.cloud.guards import far_points
 from topokit.core.cloud.outliers import outliers
 from topokit.core.cloud.settings import CloudSettings, OutlierSettings
 from topokit.core.cloud.sheets import read_sheet
 from topokit.core.cloud.witness import Witness, global_witness
 from topokit.core.neighbors import nearest_neighbors
 from topokit.errors import InputError
-from topokit.testing import cylinder_samples, hemisphere_samples, plate_samples, torus_samples
+from topokit.report.verdict import THRESHOLDS
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
-from tubes import cube_edges, linked_rings, torus_knot, tube
-
-Floats = NDArray[np.float64]
-KINDS = {  # of clouds on which the settings of a group are tried; "hard" if not named
+KINDS = {  # of clouds on which the settings of a group, or one setting, are tried; "hard" if not named
     "given": "given",
+    "given.largest_residual": "nested",
     "sampling": "large",
     "noise": "large",
+    "fields.most_points": "huge",
     "wires": "wires",
+    "wires.open_radii": "sheets",
     "outliers": "strays",
-    "guards": "strays",
+    "guards": "filled",
+    "guards.far": "clumps",
+    "orientation.hidden": "filled",
+    "doubles": "shells",
+    "quality.facing": "cut walls",
+    "quality.lid": "cut walls",
+    "quality.uncovered": "cut walls",
 }
-KNOTS = ((2, 3), (2, 5), (3, 4), (3, 7))
-N_POINTS, MANY = 10_000, 60_000
+MADE = {  # in tried_clouds.py
+    "wires": wires,
+    "sheets": sheets,
+    "filled": filled,
+    "clumps": clumps,
+    "shells": shells,
+    "nested": nested,
+    "cut walls": cut_walls,
+}
+N_POINTS, MANY, HUGE = 10_000, 60_000, 250_000
 NOISE, MUCH_NOISE = 0.005, 0.01  # standard deviations, in longest sides
-FLIPPED, STRAYS = 0.2, 0.05  # shares of normals that are reversed, of points that are strays
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Points (N, 3) of a surface of known Euler characteristic, perhaps with normals (N, 3)."""
-
-    points: torch.Tensor
-    normals: torch.Tensor | None
-    truth: int
+MOVED = ("euler", "agreement", "lids", "resolution", "source", "wire")  # what a change may move
+FLIPPED, STRAYS = (0.0, 0.03, 0.07, 0.2), 0.05  # shares of normals that are reversed, of points that are strays
 
 
 @dataclass(frozen=True)
@@ -93,12 +99,14 @@ class Clouds:
             pairs = [(name, noise) for name in self.names[::2] for noise in noises]
             return {f"{name} {noise:g}": self._maker(name, N_POINTS, noise) for name, noise in pairs}
         if kind == "given":
-            return {name: self._maker(name, N_POINTS, 0.0, flipped=FLIPPED * (k % 2)) for k, name in enumerate(some)}
+            return {name: self._maker(name, N_POINTS, 0.0, flipped=FLIPPED[k % 4]) for k, name in enumerate(some)}
         if kind == "large":
             return {name: self._maker(name, MANY, MUCH_NOISE * (k % 2)) for k, name in enumerate(some)}
+        if kind == "huge":
+            return {name: self._maker(name, HUGE, NOISE) for name in some[:1]}
         if kind == "strays":
             return {name: self._maker(name, N_POINTS, 0.0, strays=STRAYS) for name in some}
-        return dict(wires() if kind == "wires" else sheets())
+        return dict(MADE[kind]())
 
     def _maker(self, name: str, count: int, noise: float, **options: float) -> Callable[[], Cloud]:
         return lambda: self._cloud(name, count, noise, **options)
@@ -115,39 +123,6 @@ class Clouds:
             normals = mesh.face_normals[face] * np.where(rng.random(count) < flipped, -1.0, 1.0)[:, None]
         found = None if normals is None else torch.from_numpy(normals)
         return Cloud(torch.from_numpy(np.concatenate((points, stray))), found, int(self.rows[name]["chi"]))
-
-
-def wires() -> Iterator[tuple[str, Callable[[], Cloud]]]:
-    """Thin tubes along the edges of a cube, along knots and along linked rings, 3 000 points each."""
-    made = {
-        "cube": (cube_edges(), -8),
-        "rings": (linked_rings(), 0),
-        **{f"knot {p} {q}": (torus_knot(p, q, 40 * p), 0) for p, q in KNOTS},
-    }
-    for name, (segments, truth) in made.items():
-
-        def cloud(segments: Floats = segments, truth: int = truth) -> Cloud:
-            return Cloud(torch.from_numpy(tube(segments, 0.02, 3_000)[0]), None, truth)
-
-        yield name, cloud
-
-
-def sheets() -> Iterator[tuple[str, Callable[[], Cloud]]]:
-    """Open surfaces of 2 000 points."""
-    for seed in range(4):
-
-        def generator(seed: int = seed) -> torch.Generator:
-            return torch.Generator().manual_seed(seed)
-
-        yield f"cap {seed}", lambda g=generator: Cloud(hemisphere_samples(2_000, generator=g()).points, None, 1)
-        yield f"tube {seed}", lambda g=generator: Cloud(cylinder_samples(2_000, generator=g()).points, None, 0)
-        yield f"plate {seed}", lambda g=generator: Cloud(plate_samples(2_000, generator=g()).points, None, 1)
-
-        def half_torus(g: Callable[[], torch.Generator] = generator) -> Cloud:
-            points = torus_samples(4_000, generator=g()).points
-            return Cloud(points[points[:, 2] > 0], None, 0)
-
-        yield f"half torus {seed}", half_torus
 
 
 def changes() -> Iterator[Change]:
@@ -211,7 +186,11 @@ def answer(kind: str, cloud: Cloud, change: Change | None) -> dict[str, Any]:
             euler, share = next(iter(reading.shares.items())) if reading else (None, 0.0)
             found = {"euler": euler, "agreement": share}
         else:
-            points = cloud.points[~outliers(cloud.points, stray)] if kind == "strays" else cloud.points
+            points = cloud.points
+            if kind == "strays":
+                points = points[~outliers(points, stray)]
+            if kind == "clumps":
+                points = points[~far_points(points, settings.guards)]
             found = described(global_witness(points, cloud.normals, settings=settings))
     except InputError as error:
         found = {"euler": None, "agreement": 0.0, "error": str(error)}
@@ -220,14 +199,20 @@ def answer(kind: str, cloud: Cloud, change: Change | None) -> dict[str, Any]:
 
 def described(witness: Witness) -> dict[str, Any]:
     """The numbers of a witness that a change may move."""
-    lids = len(witness.lids or ())
-    resolution = witness.resolution / witness.spacing
-    return {"euler": witness.euler, "agreement": witness.agreement, "lids": lids, "resolution": resolution}
+    wire, signs, is_double = witness.wire, witness.signs, not THRESHOLDS["double"].allows(witness.quality.double)
+    return {
+        "euler": witness.euler,
+        "agreement": witness.agreement,
+        "lids": len(witness.lids),
+        "resolution": witness.resolution / witness.spacing,
+        "source": f"{witness.preparation}, {signs.source} {signs.confirmed}{', double' * is_double}",
+        "wire": None if wire is None else [wire.contrast, wire.smallest, wire.largest, wire.narrowness, wire.n_stray],
+    }
 
 
 def kind_of(setting: str) -> str:
     """The clouds on which a setting is tried."""
-    return "sheets" if setting == "wires.open_radii" else KINDS.get(setting.split(".")[0], "hard")
+    return KINDS.get(setting, KINDS.get(setting.split(".")[0], "hard"))
 
 
 def collect(options: argparse.Namespace) -> None:
@@ -283,8 +268,7 @@ def summed(rows: list[dict[str, Any]], usual: dict[tuple[str, str], dict[str, An
     before = [usual[row["kind"], row["cloud"]] for row in mine]
     right, now = (sum(row["right"] for row in one) for one in (before, mine))
     moved = sum(
-        any(row.get(name) != other.get(name) for name in ("euler", "agreement", "lids", "resolution"))
-        for row, other in zip(mine, before, strict=True)
+        any(row.get(name) != other.get(name) for name in MOVED) for row, other in zip(mine, before, strict=True)
     )
     seconds = [sum(row["seconds"] for row in one) for one in (before, mine)]
     return str(len(mine)), str(right), f"{now - right:+d}", str(moved), f"{seconds[1] / max(seconds[0], 0.01):.2f}"

@@ -29,7 +29,7 @@ _MOST_KINKS = 48  # in a cell of which the gradient is bounded; with more it is 
 _MOST_CREASES = 8  # in a cell for which a direction is searched
 _MOST_LOCAL = 96  # in a cell whose own network is made
 _LOOK = 4  # halvings of a cell by its own network
-_MOST_CELLS = 1 << 24  # waiting at one time: 400 MB
+_MOST_CELLS = 1 << 24  # of one size; their parents take 50 MB
 _ENTRIES = 1 << 15  # numbers in a vector of all cells that are bounded together
 _SIDE_BY_SIDE = 16  # such sets of cells between two looks at what was spent: on any number of cores
 _LINEAR, _CURVED, _KINK, _LOCAL = 20, 120, 4, 10
@@ -115,27 +115,33 @@ class Octree:
     def start(self) -> Leaves:
         """The leaves of the whole box."""
         cells = np.array(list(product(*map(range, self.root.tolist()))), dtype=np.int64)
-        return self.divide(cells, 0)
+        return self._search(cells, 0)
 
     def divide(self, cells: Integers, level: int) -> Leaves:
-        """The leaves in some cells, breadth first; what stays undecided is added to `open`.
+        """The leaves inside of some cells, breadth first; what stays undecided is added to `open`.
 
         Args:
             cells: (n, 3), of one level.
             level: theirs.
         """
+        return self._search(cells, level + 1)
+
+    def _search(self, cells: Integers, level: int) -> Leaves:
+        """The leaves among the cells of a level: the first ones (n, 3), or the children of n cells."""
         found: list[Leaves] = [_none()]
-        waiting = {level: [cells]}
+        waiting = {level: [cells]}  # what is to be divided: an eighth of what will be bounded
         with ThreadPoolExecutor(n_cores()) as threads:
             while waiting:
                 level = min(waiting)
                 cells = np.concatenate(waiting.pop(level))
-                together = _SIDE_BY_SIDE * self._chunk
+                each = 8 if level else 1
+                together = _SIDE_BY_SIDE * self._chunk // each
                 for start in range(0, len(cells), together):
-                    if self.is_over(len(cells) - start) or len(cells) > _MOST_CELLS:
-                        self.open.append((cells[start:], level))
+                    if self.is_over(each * (len(cells) - start)) or each * len(cells) > _MOST_CELLS:
+                        self.open.append((cells[start:], max(level - 1, 0)))
                         break
                     part = cells[start : start + together]
+                    part = children(part) if level else part
                     parts = [part[k : k + self._chunk] for k in range(0, len(part), self._chunk)]
                     for one in chain(*threads.map(self._leaves_in, parts, repeat(level))):
                         found.append(one.leaves)
@@ -145,7 +151,7 @@ class Octree:
                         if len(one.undecided) and one.level == DEEPEST:
                             self.open.append((one.undecided, one.level))
                         elif len(one.undecided):
-                            waiting.setdefault(one.level + 1, []).append(children(one.undecided))
+                            waiting.setdefault(one.level + 1, []).append(one.undecided)
         return Leaves.joined(found)
 
     def is_over(self, n_cells: int = 0) -> bool:

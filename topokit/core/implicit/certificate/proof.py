@@ -43,7 +43,7 @@ from scipy.ndimage import label
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.components import Corner, CountedComponents
 from topokit.core.implicit.bounds.program import Program
-from topokit.core.implicit.certificate.cells import DEEPEST, Effort, Leaves, Octree, children, unbalanced
+from topokit.core.implicit.certificate.cells import DEEPEST, Effort, Leaves, Octree, unbalanced
 from topokit.core.implicit.certificate.conditions import are_met
 from topokit.core.implicit.certificate.relaxation import leaves_near, relaxed
 from topokit.core.implicit.certificate.triangulation import Triangulation, triangulate
@@ -144,7 +144,7 @@ def _divided(tree: Octree, leaves: Leaves, chosen: Integers) -> Leaves:
         if level == DEEPEST or tree.is_over(8 * len(cells)):
             tree.open.append((cells, level))
         else:
-            parts.append(tree.divide(children(cells), level + 1))
+            parts.append(tree.divide(cells, level))
     return Leaves.joined(parts)
 
 

@@ -26,9 +26,9 @@ def generator() -> torch.Generator:
     return torch.Generator().manual_seed(7)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def dask_client() -> Iterator[Any]:
-    """A client of two worker processes."""
+    """A client of two worker processes, for the tests of one file: idle ones take a tenth of a core."""
     pytest.importorskip("distributed")
     from topokit.batch.files_on_dask import connected
 

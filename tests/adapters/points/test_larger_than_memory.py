@@ -166,6 +166,18 @@ def test_clouds_without_valid_points_are_refused(tmp_path: Path) -> None:
         tk.from_points(write(tmp_path / "none.npy", POINTS[:0]), block_points=999)
 
 
+@pytest.mark.parametrize("suffix", [".npy", ".laz", ".parquet"])
+def test_workers_refuse_clouds_without_points(suffix: str, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    path = write(tmp_path / f"none{suffix}", POINTS[:0])
+    with (
+        distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+        pytest.raises(ReadError, match="holds no points"),
+    ):
+        tk.from_points(path, client=client)
+
+
 def test_what_cannot_be_read_by_blocks_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "cloud.npy", POINTS)
     with pytest.raises(InputError, match="block_points must be at least 1"):

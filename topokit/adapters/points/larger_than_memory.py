@@ -149,7 +149,7 @@ class BlockReader:
         blocks = self.cloud.blocks(self.most_points)
         if client is None:
             return self.read(blocks)
-        tasks = [blocks[at : at + _PER_TASK] for at in range(0, len(blocks), _PER_TASK)]
+        tasks = [blocks[at : at + _PER_TASK] for at in range(0, max(1, len(blocks)), _PER_TASK)]
         return joined_on_cluster(self.read, tasks, self.join, client)
 
     def read(self, blocks: Sequence[Block]) -> Found:

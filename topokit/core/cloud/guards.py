@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from topokit.core.arrays import Floats
+from topokit.core.cloud.nested_variances import nested_variances
 from topokit.core.cloud.settings import GuardSettings
 from topokit.errors import InputError
 
@@ -102,14 +103,10 @@ def least_roundness(points: Floats, probes: int, settings: GuardSettings) -> flo
         copy = points[order[:n_points]]
         tree = cKDTree(copy, balanced_tree=False, compact_nodes=False)
         nearest = tree.query(copy[:probes], sizes[-1])[1]
-        found += [_median_roundness(copy[nearest[:, :size]]) for size in sizes]
+        variance = nested_variances(copy, nearest, sizes)
+        roundness = np.sqrt(variance[..., 0] / np.maximum(variance[..., 2], np.finfo(np.float64).tiny))
+        found += np.median(roundness, axis=1).tolist()
     return min(found)
-
-
-def _median_roundness(patches: Floats) -> float:
-    patches = patches - patches.mean(1, keepdims=True)
-    variance = np.linalg.eigvalsh(np.einsum("nka,nkb->nab", patches, patches))
-    return float(np.median(np.sqrt(np.maximum(variance[:, 0], 0) / np.maximum(variance[:, 2], np.finfo(float).tiny))))
 
 
 @torch.no_grad()

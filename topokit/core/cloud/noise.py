@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS, fills_space
+from topokit.core.cloud.nested_variances import nested_variances
 from topokit.core.cloud.normals.double_sheets import double_share
 from topokit.core.cloud.normals.patches import Patches, in_blocks, plane_axes
 from topokit.core.cloud.sampling.downsampling import downsample
@@ -83,10 +84,10 @@ def noise_of(patches: Patches, settings: CloudSettings) -> Noise | None:
     """
     points = patches.points
     centers, sizes = _probes(points, settings), [size for size in settings.noise.sizes if size <= len(points)]
-    index = patches.tree.query(centers, sizes[-1])[1]
-    distance = np.linalg.norm(points[index] - centers[:, None], axis=2)
-    thickness = np.log([np.median(plane_axes(points[index[:, :size]])[1]) for size in sizes])
-    radius = np.log([np.median(distance[:, size - 1]) for size in sizes])
+    distance, nearest = patches.tree.query(centers, sizes[-1])
+    variance = np.maximum(nested_variances(points, nearest, sizes)[..., 0], np.finfo(np.float64).tiny)
+    thickness = np.log(np.median(np.sqrt(variance), axis=1))
+    radius = np.log(np.median(distance[:, np.array(sizes) - 1], axis=0))
     growth = np.diff(thickness) / np.diff(radius)
     faster = np.flatnonzero(np.diff(growth) > 0)
     at = faster[0] if len(faster) else len(growth) - 1

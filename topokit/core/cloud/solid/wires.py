@@ -17,6 +17,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from topokit.core.arrays import Floats, Integers
 from topokit.core.cloud.guards import FEWEST_POINTS
+from topokit.core.cloud.nested_variances import nested_variances
 from topokit.core.cloud.normals.patches import unit
 from topokit.core.cloud.sampling.downsampling import downsample
 from topokit.core.cloud.settings import WireSettings
@@ -129,13 +130,8 @@ def segment_narrowness(points: Floats, tree: cKDTree, settings: WireSettings) ->
         return ()
     probes = points[:: max(1, len(points) // _PROBES)]
     nearest = tree.query(probes, sizes[-1] + 1)[1]
-    return tuple(_median_narrowness(points[nearest[:, : size + 1]]) for size in sizes)
-
-
-def _median_narrowness(patch: Floats) -> float:
-    patch = patch - patch.mean(1, keepdims=True)
-    variance = np.linalg.eigvalsh(np.einsum("nka,nkb->nab", patch, patch))
-    return float(np.median(variance[:, 1] / np.maximum(variance[:, 2], np.finfo(float).tiny)))
+    variance = nested_variances(points, nearest, [size + 1 for size in sizes])
+    return tuple(np.median(variance[..., 1] / np.maximum(variance[..., 2], np.finfo(np.float64).tiny), axis=1).tolist())
 
 
 def _without_stray_points(points: Floats, settings: WireSettings) -> tuple[Integers, float]:

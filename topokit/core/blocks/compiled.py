@@ -14,7 +14,8 @@ Result = TypeVar("Result")
 def compiled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """The function as machine code, made when it is first called and kept on disk if possible.
 
-    While it runs, other threads of Python go on.
+    It is made again for other types of arguments; arrays that are not contiguous are another type, so copy them. While
+    it runs, other threads of Python go on.
     """
     machine_code: Callable[Arguments, Result]
     try:

@@ -100,7 +100,7 @@ def counted_volumes(
     order = np.lexsort((part.nodes[:, 1], is_solid, owners))
     nodes, is_solid, owners = part.nodes[order], is_solid[order], owners[order]
     starts = np.searchsorted(owners, np.arange(len(duals) + 1))
-    first, second = inverse_order(order)[part.walls[:, :2]].T
+    first, second = np.ascontiguousarray(inverse_order(order)[part.walls[:, :2]].T)
     parent = _parents(starts[:-1], len(nodes), first, second)
     child = np.where(parent[first] == second, first, second)
     sums = np.zeros((len(nodes), 4), dtype=np.int64)

@@ -156,7 +156,7 @@ class _Search:
         while is_limited:
             is_limited = yield from self._shorter_than(limit, everywhere, limit // _APART)
             limit *= 4
-        yield from self._shorter_than(limit, everywhere[:: 1 + len(everywhere) // _LAST], -1)
+        yield from self._shorter_than(limit, everywhere[:: 1 + len(everywhere) // _LAST].copy(), -1)
 
     def _shorter_than(self, limit: int, roots: Integers, apart: int) -> Generator[Integers, None, bool]:
         """Loops up to a length near roots; whether there may be longer ones."""

@@ -201,7 +201,7 @@ def _ends(growth: Growth, rest: Forests, waiting: Indices, candidates: Candidate
         dual = dual_connectivity(connectivity)
         own[across] = 1
         zone.join(holes, own, 0, waiting, dual)
-        joined = joins(own, 0, zone.nodes, holes, across[::-1], zone.around, dual)
+        joined = joins(own, 0, zone.nodes, holes, across[::-1].copy(), zone.around, dual)
         own[across] = 0
         across = across[::-1][joined < 0]
     return between, across, last
@@ -238,7 +238,7 @@ def _layers(growth: Growth, grown: Indices, places: Integers, price: Floats) -> 
     """
     own, shape, zone, ranks, connectivity = growth
     index = np.stack(np.unravel_index(grown, shape), axis=1)
-    grow(own, grown[~_is_near(index, places, shape)][::-1], zone.nodes, ranks, zone.around, connectivity, _NONE)
+    grow(own, grown[~_is_near(index, places, shape)][::-1].copy(), zone.nodes, ranks, zone.around, connectivity, _NONE)
     stays = np.flatnonzero(own[grown])
     stays = stays[np.argsort(grown[stays])]
     grown, price, index = grown[stays], price[stays], index[stays]

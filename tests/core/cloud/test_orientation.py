@@ -13,11 +13,9 @@ from sample_arrays import Cloud, Floats, sphere, torus
 
 from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.patches import patches_of
-from topokit.core.cloud.orientation import Trial
 from topokit.core.cloud.reconstruction import Cloud as Distinct
 from topokit.core.cloud.reconstruction import Reconstruction, reconstruct
 from topokit.core.cloud.settings import CloudSettings, OrientationSettings, SamplingSettings, SignSettings
-from topokit.core.cloud.solid.tetrahedra import cut_complex
 from topokit.core.cloud.witness import global_witness
 from topokit.core.mesh.sampling import sample_triangles
 from topokit.testing import sphere_samples, torus_samples
@@ -95,15 +93,17 @@ def test_signs_that_are_not_believed_compete_with_those_of_fields() -> None:
     assert ((found.normals * normals).sum(1) > 0).all()
 
 
-def test_poles_correct_wrong_signs_of_the_chosen_candidate() -> None:
-    normals, seen = torus()[1], look(torus)
+def test_candidates_without_hope_are_not_corrected() -> None:
+    normals, seen = torus()[1], look(torus, BY_FIELDS)
     found, complex_ = seen.found, seen.cloud.complex_
     assert found is not None
-    is_wrong = np.random.default_rng(0).random(len(normals)) < 0.05
-    given = np.where(is_wrong[:, None], -found.normals, found.normals)
-    doubtful = replace(found, trials=(Trial(given, cut_complex(complex_, given, SETTINGS.cuts.first)),))
-    best = doubtful.corrected(complex_, None, SETTINGS.cuts.first)
+    best = found.corrected(complex_, None, BY_FIELDS)
     assert ((best.normals * normals).sum(1) > 0).all()
+    assert best.cut.coverage >= found.coverage
+    costs = [trial.cost for trial in found.trials]
+    only = found.corrected(complex_, None, replace(BY_FIELDS, orientation=OrientationSettings(hopeless=1.0)))
+    assert only.cost >= best.cost
+    assert len(costs) > 1
 
 
 def outward(points: Floats) -> Floats:

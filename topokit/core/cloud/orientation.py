@@ -21,7 +21,7 @@ from topokit.core.cloud.guards import FEWEST_POINTS
 from topokit.core.cloud.normals.dipoles import DipoleSolver
 from topokit.core.cloud.normals.patches import Neighborhoods, turned_towards, unit
 from topokit.core.cloud.sampling.samples_of_large_clouds import Samples
-from topokit.core.cloud.settings import CloudSettings, CutWeights, OrientationSettings
+from topokit.core.cloud.settings import CloudSettings, OrientationSettings
 from topokit.core.cloud.solid.poles import normals_by_poles
 from topokit.core.cloud.solid.tetrahedra import Cut, DelaunayComplex, cut_complex, surface_normals
 
@@ -53,16 +53,21 @@ class Orientation:
     coverage: float
     trials: tuple[Trial, ...]
 
-    def corrected(self, complex_: DelaunayComplex, axes: Floats | None, weights: CutWeights) -> Trial:
-        """The chosen candidate with signs that the poles have corrected.
+    def corrected(self, complex_: DelaunayComplex, axes: Floats | None, settings: CloudSettings) -> Trial:
+        """The candidate that implies the cheapest solid once the poles have corrected its signs.
 
         Args:
             complex_: tetrahedra of the samples.
             axes: (M, 3), unit normals of arbitrary sign, where known.
-            weights: of the cuts.
+            settings: candidates of a cost beyond a limit are not corrected.
         """
-        best = self.trials[0]
-        return Trial(*normals_by_poles(complex_, best.normals, best.cut, weights, rounds=2, axes=axes))
+        limit = settings.orientation.hopeless * self.trials[0].cost
+        found = [
+            Trial(*normals_by_poles(complex_, trial.normals, trial.cut, settings.cuts.first, rounds=2, axes=axes))
+            for trial in self.trials
+            if trial.cost <= limit
+        ]
+        return min(found, key=lambda trial: trial.cost)
 
 
 def orient_samples(

@@ -165,7 +165,7 @@ def _shifted(
     """
     normals, axes = cloud.outward, cloud.samples.axes
     if found is not None:
-        corrected = found.corrected(cloud.complex_, axes, settings.cuts.first)
+        corrected = found.corrected(cloud.complex_, axes, settings)
         normals, cut = corrected.normals, corrected.cut
     trials = [_trial(np.zeros(len(normals)), normals, cloud.local, cloud.complex_, cut, settings)]
 

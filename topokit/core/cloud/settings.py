@@ -139,6 +139,7 @@ class OrientationSettings:
         REAL,
     )
     hidden: float = _number(0.5, "share of samples", "coverage below which no surface shows", DENSE)
+    hopeless: float = _number(2.0, "ratio", "cost over the least one from which signs are not corrected", REAL)
     coarse_cells: float = _number(64, "cells", "of the coarse grid along the longest side", REAL)
     most_fine_cells: float = _number(160, "cells", "of the fine grid along the longest side, at most", COST)
     fine_cells_per_spacing: float = _number(1.2, "cells", "of the fine grid per sample spacing, and 30 more", REAL)

@@ -88,21 +88,21 @@ def test_signs_that_are_not_believed_compete_with_those_of_fields() -> None:
     assert carried is not None
     assert found is not None
     assert len(carried.trials) == 1 < len(found.trials)
-    costs = [trial.cost for trial in found.trials]
+    costs = [trial.cost(SETTINGS.orientation.coverage_power) for trial in found.trials]
     assert costs == sorted(costs)
     assert ((found.normals * normals).sum(1) > 0).all()
 
 
 def test_candidates_without_hope_are_not_corrected() -> None:
     normals, seen = torus()[1], look(torus, BY_FIELDS)
-    found, complex_ = seen.found, seen.cloud.complex_
+    found, complex_, own = seen.found, seen.cloud.complex_, BY_FIELDS.orientation
     assert found is not None
     best = found.corrected(complex_, None, BY_FIELDS)
     assert ((best.normals * normals).sum(1) > 0).all()
     assert best.cut.coverage >= found.coverage
-    costs = [trial.cost for trial in found.trials]
+    costs = [trial.cost(own.coverage_power) for trial in found.trials]
     only = found.corrected(complex_, None, replace(BY_FIELDS, orientation=OrientationSettings(hopeless=1.0)))
-    assert only.cost >= best.cost
+    assert only.cost() >= best.cost()
     assert len(costs) > 1
 
 

@@ -86,7 +86,7 @@ def compared_signs(normals: Floats, found: Orientation, complex_: DelaunayComple
         kept, other = (
             Trial(one, cut_complex(complex_, one, settings.cuts.first)) for one in (sign * normals, found.normals)
         )
-        if other.cut.coverage > settings.orientation.hidden and other.cost < own.cheaper * kept.cost:
+        if other.cut.coverage > settings.orientation.hidden and other.cost() < own.cheaper * kept.cost():
             return Signs("contradictory", max(agreement, 1 - agreement), found.coverage)
     else:
         sign = 1.0 if agreement > 0.5 else -1.0

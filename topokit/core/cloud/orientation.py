@@ -33,10 +33,9 @@ class Trial:
     normals: Floats
     cut: Cut
 
-    @property
-    def cost(self) -> float:
-        """The energy of the cut per sample on its surface; finite."""
-        return float(self.cut.energy / max(self.cut.coverage, 1e-3))
+    def cost(self, power: float = 1.0) -> float:
+        """The energy of the cut, raised where samples are off its surface; finite."""
+        return float(self.cut.energy / max(self.cut.coverage, 1e-3) ** power)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +45,7 @@ class Orientation:
     Attributes:
         normals: (M, 3), unit, outward: out of the solid, so into the cavity on a cavity's wall.
         coverage: share of the samples on the implied solid's surface.
-        trials: every candidate, the cheapest one first, which was chosen.
+        trials: every candidate, the chosen one first.
     """
 
     normals: Floats
@@ -61,13 +60,15 @@ class Orientation:
             axes: (M, 3), unit normals of arbitrary sign, where known.
             settings: candidates of a cost beyond a limit are not corrected.
         """
-        limit = settings.orientation.hopeless * self.trials[0].cost
+        own = settings.orientation
+        power = own.coverage_power
+        limit = own.hopeless * min(trial.cost(power) for trial in self.trials)
         found = [
             Trial(*normals_by_poles(complex_, trial.normals, trial.cut, settings.cuts.first, rounds=2, axes=axes))
             for trial in self.trials
-            if trial.cost <= limit
+            if trial.cost(power) <= limit
         ]
-        return min(found, key=lambda trial: trial.cost)
+        return min(found, key=lambda trial: trial.cost(power))
 
 
 def orient_samples(
@@ -101,7 +102,8 @@ def orient_samples(
             trials += [
                 _trial(complex_, normals, settings) for normals in _candidates(dipoles, samples, local, settings)
             ]
-    trials.sort(key=lambda trial: trial.cost)
+    is_clean = max(trial.cut.coverage for trial in trials) >= own.interpolating
+    trials.sort(key=lambda trial: trial.cost(own.coverage_power if is_clean else 1.0))
     surface, _ = surface_normals(complex_, trials[0].cut.inside, trials[0].normals)
     return Orientation(_outward(trials[0], surface, samples), trials[0].cut.coverage, tuple(trials))
 

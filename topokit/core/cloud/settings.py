@@ -135,9 +135,10 @@ class OrientationSettings:
     interpolating: float = _number(
         0.97,
         "share of samples",
-        "coverage below which rough samples are noisy; of every part of a large cloud, if carried signs hold",
+        "coverage from which a missed sample is a missed feature, not noise; of every part, if carried signs hold",
         REAL,
     )
+    coverage_power: float = _number(9.0, "exponent", "of the coverage in the cost of clean samples", REAL)
     hidden: float = _number(0.5, "share of samples", "coverage below which no surface shows", DENSE)
     hopeless: float = _number(2.0, "ratio", "cost over the least one from which signs are not corrected", REAL)
     coarse_cells: float = _number(64, "cells", "of the coarse grid along the longest side", REAL)

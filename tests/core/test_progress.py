@@ -52,10 +52,10 @@ def test_the_share_of_a_stage_counts_and_never_falls() -> None:
 @pytest.mark.parametrize("whole", [30_000, 2_000])
 def test_a_cloud_tells_its_stages_in_order(whole: int) -> None:
     heard: Heard = []
-    settings = CloudSettings(sampling=SamplingSettings(whole=whole, samples=2_000))
+    settings = CloudSettings(sampling=SamplingSettings(whole=whole, samples=1_500))
     with listening(lambda stage, share: heard.append((stage, share))):
-        found = global_witness(torus_samples(4000).points, settings=settings)
-    assert (found.euler, found.preparation) == (0, "whole" if whole > 4000 else "sampled")
+        found = global_witness(torus_samples(2500).points, settings=settings)
+    assert (found.euler, found.preparation) == (0, "whole" if whole > 2500 else "sampled")
     assert heard[0] == ("neighborhoods", 0.0)
     assert list(dict(heard)) == ["neighborhoods", "signs", "orientation", "counting"]
     shares = [share for _, share in heard]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -453,11 +452,3 @@ def test_what_cannot_be_asked_is_skipped(tmp_path: Path) -> None:
         run("test_normals_point_outward", Ball, tmp_path, closed=False)
     with pytest.raises(SkipTest, match="set `euler`"):
         run("test_the_report_is_right", Ball, tmp_path, euler=None)
-
-
-def test_nothing_of_pytest_is_needed(tmp_path: Path) -> None:
-    import subprocess
-
-    code = "import sys, topokit.testing; print('pytest' in sys.modules, '_pytest' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["False", "False"]

@@ -136,7 +136,7 @@ def test_small_parts_are_dropped_and_small_cavities_filled() -> None:
 
 
 def test_points_become_their_surface() -> None:
-    cloud = torus_samples(3000, 1.0, 0.6)
+    cloud = torus_samples(1500, 1.0, 0.6)
     mended = tk.from_points(cloud.points, cloud.normals).simplify(below=1)
     assert mended.mesh is not None
     assert mended.genus() == 0

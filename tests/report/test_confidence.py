@@ -29,7 +29,7 @@ def test_an_answer_without_doubt_is_likely() -> None:
     assert 1 / (1 + math.exp(-INTERCEPT)) > THRESHOLDS["confidence"].value
 
 
-@pytest.mark.parametrize("known", [sphere_samples(3000), torus_samples(3000)], ids=["sphere", "torus"])
+@pytest.mark.parametrize("known", [sphere_samples(1500), torus_samples(1500)], ids=["sphere", "torus"])
 def test_clean_smooth_clouds_are_likely_and_say_how_likely(known: object) -> None:
     report = tk.from_points(known.points).report()  # type: ignore[attr-defined]
     assert report.verdict == "likely"

@@ -329,13 +329,13 @@ def test_the_seconds_of_gauss_bonnet_are_those_of_curvature_and_boundary() -> No
 
 
 def test_a_likely_integer_says_for_which_widths_and_what_would_show_more() -> None:
-    points = torus_samples(2000).points
+    points = torus_samples(1200).points
     clean = tk.from_points(points).report()
     assert clean.resolution is not None
     first = clean.text(full=True).splitlines()[0]
     assert f"(likely, for features wider than {clean.resolution:.2g})" in first
     assert clean.advice is not None
-    assert "8000" in clean.advice
+    assert "4800" in clean.advice
     assert clean.advice not in clean.text()
     assert clean.text(full=True).endswith(clean.advice)
     noise = 0.02 * torch.randn(points.shape, generator=torch.Generator().manual_seed(0), dtype=points.dtype)

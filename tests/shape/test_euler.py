@@ -127,24 +127,24 @@ def test_an_unknown_integer_is_an_error_that_says_why() -> None:
 
 def test_the_command_line_means_the_same(tmp_path: Path) -> None:
     path = tmp_path / "cloud.xyz"
-    np.savetxt(path, noisy(torus_samples(800).points, 0.01).numpy())
+    np.savetxt(path, noisy(torus_samples(400).points, 0.01).numpy())
     printed = CLI.invoke(app, ["euler", str(path)]).stdout
     assert int(printed.split("\t")[0]) == int(tk.load(path).euler())
 
 
 CLOUDS: dict[str, Callable[[], tk.Shape]] = {
-    "torus": lambda: tk.from_points(torus_samples(1200).points),
-    "torus, 1 % noise": lambda: tk.from_points(noisy(torus_samples(1200).points, 0.01)),
-    "torus, normals": lambda: tk.from_points(torus_samples(1200).points, torus_samples(1200).normals),
-    "sphere": lambda: tk.from_points(sphere_samples(900).points),
-    "sphere, 2 % noise": lambda: tk.from_points(noisy(sphere_samples(900).points, 0.02)),
-    "ellipsoid, single precision": lambda: tk.from_points(ellipsoid_samples(900).points.float()),
-    "half sphere": lambda: tk.from_points(hemisphere_samples(900).points),
-    "half sphere, noise": lambda: tk.from_points(noisy(hemisphere_samples(900).points, 0.01)),
+    "torus": lambda: tk.from_points(torus_samples(600).points),
+    "torus, 1 % noise": lambda: tk.from_points(noisy(torus_samples(600).points, 0.01)),
+    "torus, normals": lambda: tk.from_points(torus_samples(600).points, torus_samples(600).normals),
+    "sphere": lambda: tk.from_points(sphere_samples(450).points),
+    "sphere, 2 % noise": lambda: tk.from_points(noisy(sphere_samples(450).points, 0.02)),
+    "ellipsoid, single precision": lambda: tk.from_points(ellipsoid_samples(450).points.float()),
+    "half sphere": lambda: tk.from_points(hemisphere_samples(450).points),
+    "half sphere, noise": lambda: tk.from_points(noisy(hemisphere_samples(450).points, 0.01)),
     "two spheres": lambda: tk.from_points(
-        torch.cat((sphere_samples(900).points, noisy(sphere_samples(900).points + 3, 0.01)))
+        torch.cat((sphere_samples(450).points, noisy(sphere_samples(450).points + 3, 0.01)))
     ),
-    "flat": lambda: tk.from_points(torch.rand(900, 3, generator=torch.Generator().manual_seed(0)) * torch.eye(3)[0]),
+    "flat": lambda: tk.from_points(torch.rand(450, 3, generator=torch.Generator().manual_seed(0)) * torch.eye(3)[0]),
 }
 
 

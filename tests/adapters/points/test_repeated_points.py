@@ -45,7 +45,7 @@ def test_repeated_points_count_once(name: str) -> None:
 
 
 def test_exact_copies_change_no_digit() -> None:
-    points = torus_samples(3000).points
+    points = torus_samples(1000).points
     once, thrice = tk.from_points(points), tk.from_points(points.repeat(3, 1))
     assert torch.equal(once.samples.points, thrice.samples.points)
     assert torch.equal(once.gauss_bonnet(), thrice.gauss_bonnet())

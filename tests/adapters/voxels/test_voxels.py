@@ -105,7 +105,7 @@ def test_border_contact_is_said() -> None:
 
 
 def test_gradient_reaches_the_gray_values() -> None:
-    gray = torus_volume((12, 12, 8)) + 0.01 * torch.rand(12, 12, 8, generator=torch.Generator().manual_seed(0)).double()
+    gray = torus_volume((8, 8, 6)) + 0.01 * torch.rand(8, 8, 6, generator=torch.Generator().manual_seed(0)).double()
     gray.requires_grad_(True)
 
     def euler(volume: torch.Tensor) -> torch.Tensor:

@@ -46,7 +46,7 @@ def test_lids_are_flat_where_they_lie_near_the_outermost_plane() -> None:
 
 @pytest.mark.parametrize("height", [-0.8, -0.4, 0.0])
 def test_a_sphere_that_was_cut_off_ends_in_a_disc(height: float) -> None:
-    known = sphere_samples(4000)
+    known = sphere_samples(2000)
     layer = layer_of(known, known.points[:, 2].numpy() > height)
     caps, normals = planar_caps(layer, [lid_at(height)])
     radius = math.sqrt(1 - height**2)
@@ -58,7 +58,7 @@ def test_a_sphere_that_was_cut_off_ends_in_a_disc(height: float) -> None:
 
 
 def test_under_a_torus_that_lies_on_a_table_is_a_ring() -> None:
-    known = torus_samples(6000)  # radii 1 and 0.4
+    known = torus_samples(3000)  # radii 1 and 0.4
     height = -0.2
     layer = layer_of(known, known.points[:, 2].numpy() > height)
     caps, _ = planar_caps(layer, [lid_at(height)])
@@ -69,7 +69,7 @@ def test_under_a_torus_that_lies_on_a_table_is_a_ring() -> None:
 
 
 def test_two_ends_of_a_tube_are_capped_one_after_the_other() -> None:
-    known = sphere_samples(4000)
+    known = sphere_samples(2000)
     layer = layer_of(known, np.abs(known.points[:, 2].numpy()) < 0.5)
     caps, normals = planar_caps(layer, [lid_at(-0.5), lid_at(0.5)[:, ::-1]])
     assert sorted({round(float(height), 6) for height in caps[:, 2]}) == [-0.5, 0.5]
@@ -78,7 +78,7 @@ def test_two_ends_of_a_tube_are_capped_one_after_the_other() -> None:
 
 
 def test_nothing_is_missing_where_a_plane_misses_or_cuts_a_closed_surface() -> None:
-    layer = layer_of(sphere_samples(4000))
+    layer = layer_of(sphere_samples(2000))
     for height in (-1.5, -1.0, 0.0):
         caps, normals = planar_caps(layer, [lid_at(height)])
         assert caps.shape == normals.shape

@@ -64,7 +64,7 @@ def test_repeated_points_are_no_surface_of_their_own() -> None:
 
 
 def test_a_report_leaves_them_out_and_says_so() -> None:
-    points = torch.cat((torus_samples(3000).points, scattered(90, 8.0)))
+    points = torch.cat((torus_samples(1500).points, scattered(45, 8.0)))
     report = tk.from_points(points).report()
     assert (report.euler, report.verdict) == (0, "likely")
     [sentence] = [reason for reason in report.reasons if "left out" in reason]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import pytest
 import torch
@@ -52,6 +52,12 @@ def test_gaps_are_those_between_sorted_directions(k: int, generator: torch.Gener
     assert 0.01 < float((widest > 110).double().mean()) < 0.99
 
 
+@cache
+def open_shape(name: str, *, with_normals: bool) -> tk.Shape:
+    known = cloud(name)
+    return tk.from_points(known.points, known.normals if with_normals else None)
+
+
 SURFACES = {
     "hemisphere": (1, 1),
     "cap": (1, 1),
@@ -66,8 +72,7 @@ SURFACES = {
 @pytest.mark.parametrize("with_normals", [True, False])
 def test_open_surfaces(name: str, with_normals: bool) -> None:
     euler, loops = SURFACES[name]
-    known = cloud(name)
-    shape = tk.from_points(known.points, known.normals if with_normals else None)
+    shape = open_shape(name, with_normals=with_normals)
     report = shape.report()
     assert (report.euler, report.closed, report.verdict) == (euler, False, "likely")
     assert report.genus == shape.genus() == (2 * report.components - loops - euler) // 2 == 0
@@ -78,12 +83,12 @@ def test_open_surfaces(name: str, with_normals: bool) -> None:
 
 
 def test_reports_locate_the_boundary() -> None:
-    known = cloud("hemisphere")
-    report = tk.from_points(known.points, known.normals).report()
+    shape = open_shape("hemisphere", with_normals=True)
+    report = shape.report()
     sentence = next(reason for reason in report.reasons if "not closed" in reason)
     length = float(sentence.split("total length of ")[1].split(",")[0])
     assert length == pytest.approx(2 * math.pi, rel=0.05)
-    [rim] = tk.from_points(known.points, known.normals).boundaries()
+    [rim] = shape.boundaries()
     assert rim.length == pytest.approx(length, rel=1e-3)
     low = sentence.split("between (")[1].split(")")[0].split(", ")
     assert float(low[0]) == pytest.approx(-1, abs=0.05)
@@ -91,7 +96,7 @@ def test_reports_locate_the_boundary() -> None:
 
 
 def test_closed_surfaces_have_no_boundary() -> None:
-    for known in (sphere_samples(2000), torus_samples(2000)):
+    for known in (sphere_samples(1000), torus_samples(1000)):
         report = tk.from_points(known.points).report()
         assert report.closed
         assert report.boundary_loops == 0

@@ -96,7 +96,7 @@ def test_reports_locate_the_boundary() -> None:
 
 
 def test_closed_surfaces_have_no_boundary() -> None:
-    for known in (sphere_samples(1000), torus_samples(1000)):
+    for known in (sphere_samples(2000), torus_samples(2000)):
         report = tk.from_points(known.points).report()
         assert report.closed
         assert report.boundary_loops == 0

@@ -79,16 +79,16 @@ def test_a_floater_as_wide_as_the_resolution_makes_the_answer_unsure() -> None:
     def report_with(size: float, **options: Any) -> tk.TopologyReport:
         one = torus_scene(40)
         one = one._replace(means=size * one.means + [4.0, 0, 0], scales=size * one.scales)
-        scene = Scene(*(np.concatenate(columns) for columns in zip(torus_scene(1_500), one, strict=True)))
+        scene = Scene(*(np.concatenate(columns) for columns in zip(torus_scene(3_000), one, strict=True)))
         return tk.from_splats(splats_of(scene), **options).report()
 
-    narrow, wide = report_with(0.01), report_with(0.125)
+    narrow, wide = report_with(0.01), report_with(0.09)
     assert (narrow.euler, narrow.verdict) == (0, "likely")
     assert (wide.euler, wide.verdict, wide.n_deciding) == (0, "unsure", 1)
-    assert wide.reasons[0].startswith("A cluster 0.3")
+    assert wide.reasons[0].startswith("A cluster 0.2")
     assert "min_cluster_share=None counts it" in wide.reasons[0]
-    assert report_with(0.125, component="largest").verdict == "likely"
-    assert report_with(0.125, object=True).verdict == "likely"
+    assert report_with(0.09, component="largest").verdict == "likely"
+    assert report_with(0.09, object=True).verdict == "likely"
 
 
 def test_a_closed_object_without_surroundings_is_kept_whole() -> None:

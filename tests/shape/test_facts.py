@@ -98,7 +98,7 @@ def test_one_call_answers_about_a_file(tmp_path: Path) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("before", ["", "tk.from_mesh"])
 def test_report_can_be_called_whatever_was_imported_before(before: str) -> None:
-    """Its name is that of a package, which an import would put in its place; one in tests/test_house.py does."""
+    """Its name is that of a package, which an import would put in its place (see tests/test_house.py)."""
     code = f"import topokit as tk\n{before}\nprint(callable(tk.report))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True\n"
 

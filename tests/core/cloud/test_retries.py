@@ -129,10 +129,13 @@ def test_noise_leaves_samples_where_they_are() -> None:
     assert "shifted cut" not in {vote.family for vote in witness.votes}
 
 
-@pytest.mark.parametrize(("thickness", "seed"), [(0.113, 3), pytest.param(0.141, 3, marks=pytest.mark.long)])
-def test_noisy_samples_whose_votes_differ_are_looked_at_again(thickness: float, seed: int) -> None:
-    points, _ = plate_with_hole(1_000, thickness, seed=seed)
-    noisy = points + np.random.default_rng(seed).normal(0, 0.028, points.shape)  # a third of the spacing
+@pytest.mark.parametrize(
+    ("n_points", "thickness", "noise"),
+    [(1_000, 0.113, 0.028), pytest.param(2_000, 0.1, 0.02, marks=pytest.mark.long)],  # a third of the spacing
+)
+def test_noisy_samples_whose_votes_differ_are_looked_at_again(n_points: int, thickness: float, noise: float) -> None:
+    points, _ = plate_with_hole(n_points, thickness, seed=3)
+    noisy = points + np.random.default_rng(3).normal(0, noise, points.shape)
     witness = global_witness(torch.from_numpy(noisy))
     assert witness.is_smoothed
     assert len(values_of(witness.votes, "field")) == 6  # three of the points, three of the smoothed ones

@@ -176,7 +176,7 @@ def _oriented(
             samples = sampler.samples()
             local, complex_ = complex_of(points[samples.kept], settings)
             return OrientedCloud(points, outward, own, sampler, samples, local, complex_), consistent, None
-    faces, areas = find_faces(patches, settings), patches.areas()
+    faces, areas = find_faces(patches, settings.creases), patches.areas()
     axes = faces.sharpened(patches.planes.axes) if given is None else given
     carried = None
     if patches.roughness <= settings.signs.roughness:

@@ -96,6 +96,9 @@ class DoubleSettings:
 class CreaseSettings:
     """Planes of single faces near creases."""
 
+    flat: float = _number(
+        0.1, "ratio", "median thickness over size of neighborhoods up to which creases show", "noise of 0.15 spacings"
+    )
     narrow: int = _number(6, "neighbors", "of planes that lie on one face near a crease", REAL)
     rounds: int = _number(3, "neighbors", "over which a face's plane is handed on", REAL)
     flatter: float = _number(

@@ -32,7 +32,7 @@ def share_off(axes: Floats, normals: Floats, degrees: float = 15.0) -> float:
 
 def faces_of(points: Floats) -> tuple[Patches, Faces]:
     surface = patches_of(points, SETTINGS.patches)
-    return surface, find_faces(surface, SETTINGS)
+    return surface, find_faces(surface, SETTINGS.creases)
 
 
 @pytest.mark.parametrize("mesh", [trimesh.creation.box((2, 1, 0.3)), trimesh.convex.convex_hull(WEDGE)])

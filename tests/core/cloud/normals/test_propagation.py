@@ -12,7 +12,7 @@ from topokit.core.cloud.normals.creases import find_faces
 from topokit.core.cloud.normals.patch_graph import relative_signs
 from topokit.core.cloud.normals.patches import Patches, patches_of
 from topokit.core.cloud.normals.propagation import Propagation, propagate_signs
-from topokit.core.cloud.settings import CloudSettings, PatchSettings, SignSettings
+from topokit.core.cloud.settings import CreaseSettings, PatchSettings, SignSettings
 from topokit.testing import sphere_samples, torus_samples
 
 Floats = NDArray[np.float64]
@@ -98,7 +98,7 @@ def test_noisy_points_are_not_asked_to_vote() -> None:
     spacing = (known.area / 20_000) ** 0.5
     points = known.points.numpy() * (1 + 0.3 * spacing * np.random.default_rng(0).normal(size=(20_000, 1)))
     surface, wrong = around(points), {}
-    assert not find_faces(surface, CloudSettings()).show  # which decides
+    assert not find_faces(surface, CreaseSettings()).show  # which decides
     for by_vote in (False, True):
         found = signed(surface, by_vote=by_vote)
         wrong[by_vote] = int(((found.normals * known.normals.numpy()).sum(1) < 0).sum())

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from topokit.core.arrays import Booleans, Floats, Integers
 from topokit.core.cloud.normals.patches import Patches, Planes, in_blocks, turned_towards
-from topokit.core.cloud.settings import CloudSettings, CreaseSettings
+from topokit.core.cloud.settings import CreaseSettings
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +42,16 @@ class Faces:
         return np.where(self.is_replaced[:, None], turned_towards(self.axes, normals[self.owner]), normals)
 
 
-def find_faces(patches: Patches, settings: CloudSettings) -> Faces:
+def find_faces(patches: Patches, settings: CreaseSettings) -> Faces:
     """The faces at points near creases; none if neighborhoods are so thick that noise would pass for creases."""
-    points, wide, own, creases = patches.points, patches.planes, np.arange(len(patches.points)), settings.creases
-    if patches.roughness > settings.quality.clean:
+    points, wide, own = patches.points, patches.planes, np.arange(len(patches.points))
+    if np.median(wide.thickness / np.maximum(wide.sizes, 1e-300)) > settings.flat:
         return Faces(np.zeros(len(points), dtype=bool), wide.axes, own, show=False)
-    narrow = _narrow_planes(points, patches.neighbors, creases)
+    narrow = _narrow_planes(points, patches.neighbors, settings)
     owner, misfit = own, narrow.misfit(points, own)
-    for _ in range(creases.rounds):
+    for _ in range(settings.rounds):
         owner, misfit = _adopted(points, narrow, patches.neighbors, owner, misfit)
-    is_better = misfit < creases.flatter * wide.misfit(points, own)
+    is_better = misfit < settings.flatter * wide.misfit(points, own)
     return Faces(is_better, narrow.axes[owner], np.where(is_better, owner, own), show=True)
 
 

@@ -41,9 +41,9 @@ changed for all.
 
 The last column says how many more or fewer answers are right if the number is halved and if it is doubled, of how many
 right ones among how many clouds, measured by [benchmarks/sensitivity.py](../benchmarks/sensitivity.py) on wires, open
-surfaces, large clouds, given normals, filled space, clouds with stray points or clumps far away, and two to four clouds
-of 10 000 points whose answers are right although their votes agree least. The rows of settings for double sheets and
-walls that were cut through are of clouds without these, so they show only that nothing else depends on them.
+surfaces, large clouds, given normals, filled space, double sheets, clouds with stray points or clumps far away, and two
+to four clouds of 10 000 points whose answers are right although their votes agree least. The row for walls that were
+cut through is of clouds without these, so it shows only that nothing else depends on it.
 [sensitivity.csv](sensitivity.csv) has more columns.
 """
 CONSTANTS = """

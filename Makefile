@@ -1,5 +1,5 @@
 # make demo   a virtual environment, topokit in it, and the report of shapes it makes itself
-# make test   the same, with everything the tests need, and all tests but the long ones: nine minutes on two cores.
+# make test   the same, with everything the tests need, and all tests but the long ones: seven minutes on two cores.
 #             As root it installs system packages with apt-get: python3-venv, the libraries that open3d loads, and Chromium.
 #             make test SYSTEM=no installs none; tests that need them are skipped
 # make test-all   every test, with the long ones: examples, programs of the documentation, fuzzing, real scans

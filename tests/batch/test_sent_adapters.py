@@ -41,8 +41,9 @@ tk.register_adapter(Rooms)
 
 def shapes_of(radius):
     small = {"resolution": 128, "n_samples": 300, "field_resolution": 16}
+    ball = tk.from_sdf(lambda p: p.norm(dim=1) - radius, **small)
     ring = tk.from_sdf(lambda p: torch.hypot(p[:, :2].norm(dim=1) - 0.6, p[:, 2]) - radius / 2, **small)
-    return [ring.replace(name="own/a ring")]
+    return [ball.replace(name="own/a ball"), ring.replace(name="own/a ring")]
 
 for row in sorted(tk.survey([*shapes_of(0.5), "files"], jobs=2), key=lambda row: row["file"]):
     print(row["file"].partition("/")[2], row["adapter"], row["genus"], row["error"])
@@ -85,7 +86,7 @@ def test_processes_know_the_adapters_and_functions_of_a_script(tmp_path: Path) -
     (tmp_path / "script.py").write_text(SCRIPT)
     ran = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=250)
     found = ["a.handles handles 1 None", "b.room rooms 2 None", "door doors 3 None"]
-    assert ran.stdout.splitlines() == [*found, "a ring None 1 None"], ran
+    assert ran.stdout.splitlines() == [*found, "a ball None 0 None", "a ring None 1 None"], ran
 
 
 def handles(path: Path) -> tk.Shape:

@@ -11,7 +11,14 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from topokit.testing import cylinder_samples, hemisphere_samples, plate_samples, sphere_samples, torus_samples
+from topokit.testing import (
+    AnalyticSamples,
+    cylinder_samples,
+    hemisphere_samples,
+    plate_samples,
+    sphere_samples,
+    torus_samples,
+)
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 from tubes import cube_edges, linked_rings, torus_knot, tube
@@ -35,7 +42,7 @@ Makers = Iterator[tuple[str, Callable[[], Cloud]]]
 
 
 def wires() -> Makers:
-    """Tubes along the edges of a cube, knots and linked rings: thin, of few points, of many, thick, with a clump."""
+    """Tubes along the edges of a cube, knots and linked rings: thin, of few points, of many, and thick."""
     made = {
         "cube": (cube_edges(), 0.02, 3_000, -8),
         "rings": (linked_rings(), 0.02, 3_000, 0),
@@ -79,9 +86,9 @@ def filled() -> Makers:
         )
     for name, make, truth in (("sphere", sphere_samples, 2), ("torus", torus_samples, 0)):
 
-        def noisy(make: Callable[..., object] = make, truth: int = truth) -> Cloud:
+        def noisy(make: Callable[[int], AnalyticSamples] = make, truth: int = truth) -> Cloud:
             noise = torch.from_numpy(np.random.default_rng(0).normal(size=(12_000, 3)))
-            return Cloud(make(12_000).points + 0.06 * noise, None, truth)  # type: ignore[attr-defined]
+            return Cloud(make(12_000).points + 0.06 * noise, None, truth)
 
         yield f"noisy {name}", noisy
 

@@ -212,7 +212,7 @@ def _lengths(normals: Floats, local: Neighborhoods, settings: CloudSettings) -> 
     around = local.index[:, : settings.patches.graph + 1]
     for _ in range(2):
         toward_room = toward_room[around].mean(1)
-    outward = 1.0 if behind.sum() <= ahead.sum() else -1.0  # walls are thinner than gaps
+    outward = 1.0 if behind.sum() <= ahead.sum() else -1.0  # away from what is thinner, walls or gaps
     for length in own.lengths:
         yield np.full(len(normals), outward * length)
         yield length * toward_room
